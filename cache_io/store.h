@@ -1,0 +1,89 @@
+/* The cache on disk: a directory of immutable segments (docs/cache_format.md).
+ *
+ * A base segment holds the sorted records and the octree of every level; delta segments hold
+ * batches of records that came later. Segments are published by write, fsync, rename, fsync of the
+ * directory and never change afterwards, so readers need no lock and a killed writer loses at most
+ * the batch in flight.
+ *
+ * Threads: a store may be used by one thread at a time. Processes: any number may read and append;
+ * publishing a base replaces only the segments that it was made from. */
+#ifndef KL_CACHE_IO_STORE_H
+#define KL_CACHE_IO_STORE_H
+
+#include "kernels/cache_data.h"
+#include "src/base/status.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct kl_store;
+
+enum { KL_DIGEST_SIZE = 16 };
+
+/* What the records depend on. Another key is another cache. */
+struct kl_store_key {
+    uint8_t scene[KL_DIGEST_SIZE];    /* geometry, materials, lights, environment at one instant */
+    uint8_t settings[KL_DIGEST_SIZE]; /* options that change irradiance, and the algorithm version */
+    double origin[3];                 /* [m] world position of render space's origin */
+};
+
+enum kl_store_mode {
+    KL_STORE_READ,    /* nothing is written; the directory must exist */
+    KL_STORE_EXTEND,  /* created where absent */
+    KL_STORE_REBUILD, /* as EXTEND; segments there are removed first, whatever their key */
+};
+
+/* Arrays of one level. From a store they are borrowed until it is closed, and mapped, not copied. */
+struct kl_store_level {
+    uint32_t record_count;
+    const kl_record_hot *hot;
+    const kl_record_cold *cold;
+    kl_octree_header octree;      /* record_count 0 in it: no octree here */
+    const kl_octree_slot *slots;  /* octree.slot_count */
+    const kl_u32 *rows;           /* octree.row_size */
+};
+
+struct kl_store_segment_info {
+    char name[64];
+    uint64_t bytes, generation;
+    bool is_base;
+    uint32_t records[KL_CACHE_LEVELS];
+};
+
+/* Open or create `dir`. `key` NULL (READ only): take the key of what is there. KL_ERR_STALE: the
+ * directory belongs to another key; the message says which part differs. KL_ERR_CORRUPT only where
+ * nothing is usable; otherwise damaged segments are left out and counted in kl_store_damaged.
+ * KL_ERR_VERSION: written by another major version. *out is the caller's: kl_store_close. */
+kl_status kl_store_open(const char *dir, enum kl_store_mode mode, const struct kl_store_key *key,
+                        struct kl_store **out, struct kl_err *err) KL_MUST_CHECK;
+void kl_store_close(struct kl_store *store); /* accepts NULL */
+
+/* Segments in the order in which they are to be read: the base (if any) first, then deltas by
+ * generation and name. Level arrays of segment i. Every record was validated. */
+size_t kl_store_segment_count(const struct kl_store *store);
+void kl_store_segment_get(const struct kl_store *store, size_t i, struct kl_store_segment_info *info,
+                          struct kl_store_level levels[KL_CACHE_LEVELS]);
+void kl_store_key_get(const struct kl_store *store, struct kl_store_key *key);
+uint64_t kl_store_generation(const struct kl_store *store); /* +1 per published segment */
+uint64_t kl_store_bytes(const struct kl_store *store);
+/* Number of segments left out because they are damaged; text of the first complaint. */
+size_t kl_store_damaged(const struct kl_store *store, const char **first);
+
+/* Append a batch: records[l] holds the new records of level l (octree ignored). The batch is on
+ * disk when this returns KL_OK. The new segment also appears at the end of this store's list.
+ * Content decides the file name, so the same batches give the same files. */
+kl_status kl_store_append(struct kl_store *store, const struct kl_store_level records[KL_CACHE_LEVELS],
+                          struct kl_err *err) KL_MUST_CHECK;
+
+/* Publish one base segment with these records and octrees in place of all segments of this store's
+ * list, which are then removed (others that appeared meanwhile stay). Arrays that were borrowed
+ * from the store are invalid afterwards: get them anew. */
+kl_status kl_store_publish_base(struct kl_store *store,
+                                const struct kl_store_level levels[KL_CACHE_LEVELS],
+                                struct kl_err *err) KL_MUST_CHECK;
+
+/* Is this record sound? Finite, irr >= 0, 0 < radius <= radius2, raw_radius > 0, level in range. */
+bool kl_record_is_valid(const kl_record_hot *hot, const kl_record_cold *cold);
+
+#endif

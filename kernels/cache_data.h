@@ -1,0 +1,69 @@
+/* Irradiance records and their index: the same bytes on disk, on the host and on devices.
+ * Everything is little-endian 4-byte scalars (or pairs of 16-bit ones) in 64-byte aligned arrays.
+ *
+ * A record is split in two: the hot half decides whether it contributes to a query, the cold half
+ * says what it contributes. Directions are in the record's own frame: kl_frame_from_normal of the
+ * decoded normal. */
+#ifndef KL_KERNELS_CACHE_DATA_H
+#define KL_KERNELS_CACHE_DATA_H
+#include "kernels/vec.h"
+
+#define KL_CACHE_LEVELS 2  /* 0: seen from the camera; 1: seen by gather rays */
+#define KL_SECTORS      16 /* azimuths of the leak test */
+
+typedef struct kl_record_hot {
+    float pos[3];      /* [m], render space */
+    kl_u32 normal;     /* octahedral, 2 x 16 bit: kl_oct_decode */
+    float radius;      /* [m] distance at which the weight becomes 0 (minor axis), > 0; clamped */
+    float radius2;     /* [m] along the major axis, >= radius */
+    kl_u32 axis;       /* low 16 bits: angle of the minor axis in the frame, 65536 = 2 pi;
+                        * high 16 bits: bounce level */
+    kl_u32 object;     /* scene instance the record rides on, KL_NONE: static world */
+} kl_record_hot;
+KL_ASSERT_SIZE(kl_record_hot, 32);
+
+typedef struct kl_record_cold {
+    float irr[3];          /* irradiance [W m^-2], linear Rec. 709, >= 0 */
+    kl_u16 grad_t[6];      /* half: d(irr_c)/dt, d(irr_c)/db times raw_radius over irr_c, c = RGB */
+    kl_u16 grad_r[6];      /* half: rotational gradient over irr_c */
+    float raw_radius;      /* [m] before clamping, > 0 */
+    kl_u32 frame_error;    /* low 16: half, relative standard error; high 16: birth frame */
+    kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, in
+                                  * 1/254 of raw_radius * KL_CLEARANCE_REACH; 255: open */
+    kl_u32 id;             /* hash of position, normal and level: the seed */
+} kl_record_cold;
+KL_ASSERT_SIZE(kl_record_cold, 64);
+#define KL_CLEARANCE_REACH 2.0f
+
+/* Index of one bounce level: a multi-level grid hashed by cell, that is a linear octree (methods:
+ * Warren and Salmon, "A parallel hashed oct-tree N-body algorithm", 1993). Cell edge at level l is
+ * side / 2^l. A record lies in every cell of its level that its disc touches. */
+typedef struct kl_octree_header {
+    float root_min[3];    /* [m], render space */
+    float side;           /* [m] edge of the root cube, a power of two */
+    kl_u32 level_mask;    /* bit l: some record lives on level l */
+    kl_u32 slot_count;    /* power of two */
+    kl_u32 row_size;      /* entries in rows */
+    kl_u32 record_count;
+    kl_u32 salt;          /* of the cell hash, chosen so that no two cells look alike */
+    float reach;          /* radii were enlarged by this factor when the cells were filled */
+    kl_u32 pad[6];
+} kl_octree_header;
+KL_ASSERT_SIZE(kl_octree_header, 64);
+
+typedef struct kl_octree_slot {
+    kl_u32 tag; /* 32 bits of the cell's hash, 0: empty */
+    kl_u32 row; /* start in rows: a count, then that many record numbers */
+} kl_octree_slot;
+KL_ASSERT_SIZE(kl_octree_slot, 8);
+
+/* One level as queries see it. Not shared bytes. */
+typedef struct kl_level_view {
+    kl_octree_header head; /* record_count 0: nothing here */
+    const KL_GLOBAL kl_record_hot *hot;
+    const KL_GLOBAL kl_record_cold *cold;
+    const KL_GLOBAL kl_octree_slot *slots;
+    const KL_GLOBAL kl_u32 *rows;
+} kl_level_view;
+
+#endif
