@@ -130,9 +130,6 @@ typedef struct kl_environment {
     float scale;          /* multiplies the texels */
 } kl_environment;
 
-/* Node of the device BVH: kernels/bvh.h. */
-struct kl_bvh_node;
-
 /* The view that every kernel function takes. Not shared bytes: each side fills its own. */
 typedef struct kl_scene_view {
     kl_u32 needs; /* KL_NEED_* */
@@ -156,12 +153,11 @@ typedef struct kl_scene_view {
     const KL_GLOBAL float *env_rows;     /* height + 1: CDF over rows */
     const KL_GLOBAL float *env_columns;  /* height x (width + 1): CDF in each row */
     kl_environment env;
-#if KL_DEVICE
-    const KL_GLOBAL struct kl_bvh_node *bvh;
-    const KL_GLOBAL float *bvh_triangles;
-    const KL_GLOBAL kl_u32 *bvh_roots; /* per instance, then the top level */
-#else
-    const void *tracer; /* struct kl_tracer of src/trace */
+    const KL_GLOBAL float *bvh_nodes;  /* kernels/bvh.h; NULL on a host that traces with Embree */
+    const KL_GLOBAL kl_u32 *bvh_leaves;
+    const KL_GLOBAL kl_u32 *bvh_roots; /* instance_count roots, then the top level's */
+#if !KL_DEVICE
+    const void *tracer; /* struct kl_tracer of src/trace, read by kl_trace_* on the host */
 #endif
 } kl_scene_view;
 

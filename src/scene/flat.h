@@ -1,0 +1,42 @@
+/* The scene at one instant as flat arrays that host and devices share (kernels/scene_data.h).
+ * Small and single-use meshes are merged into one run of triangles in render space; large meshes
+ * that are used more than once stay shared under instances. */
+#ifndef KL_SRC_SCENE_FLAT_H
+#define KL_SRC_SCENE_FLAT_H
+
+#include "kernels/scene_data.h"
+#include "src/base/status.h"
+#include "src/scene/scene.h"
+
+struct kl_flat {
+    double origin[3];      /* [m] world position of render space's origin */
+    float center[3];       /* [m] render space: bounding sphere of all geometry */
+    float radius;          /* [m] > 0 */
+    uint32_t vertex_count, triangle_count, instance_count, material_count;
+    uint32_t texture_count, texel_count, light_count;
+    kl_scene_view view;    /* points into the arrays below; tracer and bvh_* are filled by src/trace */
+
+    float *positions, *normals, *tangents, *uvs, *colors;
+    kl_triangle *triangles;
+    kl_instance *instances; /* >= 1; instance 0: merged geometry, possibly 0 triangles */
+    kl_material *materials;
+    kl_texture *textures;
+    kl_u32 *texels;
+    float *srgb_table;
+    kl_light *lights;
+    kl_alias *light_alias;
+    float *env_texels, *env_rows, *env_columns;
+};
+
+/* `origin`: the world position to use as render space's origin, kept for a whole sequence
+ * (kl_flat_choose_origin). *out is the caller's: kl_flat_destroy. Reads the scene only. */
+kl_status kl_flat_create(const struct kl_scene *scene, const struct kl_pose *pose,
+                         const double origin[3], struct kl_flat **out,
+                         struct kl_err *err) KL_MUST_CHECK;
+void kl_flat_destroy(struct kl_flat *flat); /* accepts NULL */
+
+/* Centre of the scene's bounding box at the pose: render space then has the best precision. */
+kl_status kl_flat_choose_origin(const struct kl_scene *scene, const struct kl_pose *pose,
+                                double origin[3], struct kl_err *err) KL_MUST_CHECK;
+
+#endif
