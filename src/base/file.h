@@ -11,8 +11,8 @@ extern "C" {
 #endif
 
 /* write() until all is written; goes on after short writes and EINTR. */
-kl_status kl_file_write_all(int fd, const void *data, size_t size, struct kl_err *err)
-    KL_MUST_CHECK;
+kl_status kl_file_write_all(int fd, const void *data, size_t size,
+                            struct kl_err *err) KL_MUST_CHECK;
 
 /* *out = the file's bytes and a zero byte after them; *size without it. Free with free().
  * KL_ERR_INPUT: not there, not a regular file, or larger than `limit` bytes. */
@@ -27,8 +27,8 @@ struct kl_file_temp {
 };
 
 /* After KL_OK call kl_file_temp_commit or kl_file_temp_discard, once. */
-kl_status kl_file_temp_open(const char *path, struct kl_file_temp *file, struct kl_err *err)
-    KL_MUST_CHECK;
+kl_status kl_file_temp_open(const char *path, struct kl_file_temp *file,
+                            struct kl_err *err) KL_MUST_CHECK;
 /* The same for `name` (no slash) in an open directory, which stays the caller's. */
 kl_status kl_file_temp_open_at(int dir_fd, const char *name, struct kl_file_temp *file,
                                struct kl_err *err) KL_MUST_CHECK;
@@ -38,8 +38,8 @@ kl_status kl_file_temp_commit(struct kl_file_temp *file, struct kl_err *err) KL_
 void kl_file_temp_discard(struct kl_file_temp *file);
 
 /* Write `size` bytes to `path` through a temp file: kl_file_temp_commit's promise. */
-kl_status kl_file_replace(const char *path, const void *data, size_t size, struct kl_err *err)
-    KL_MUST_CHECK;
+kl_status kl_file_replace(const char *path, const void *data, size_t size,
+                          struct kl_err *err) KL_MUST_CHECK;
 
 #ifdef __cplusplus
 }
