@@ -27,7 +27,8 @@ typedef struct kl_record_cold {
     kl_u16 grad_t[6];      /* half: d(irr_c)/dt, d(irr_c)/db times raw_radius over irr_c, c = RGB */
     kl_u16 grad_r[6];      /* half: rotational gradient over irr_c */
     float raw_radius;      /* [m] before clamping, > 0 */
-    kl_u32 frame_error;    /* low 16: half, relative standard error; high 16: birth frame */
+    kl_u32 error_spacing;  /* low 16: half, relative standard error of irr; high 16: half, least
+                            * radius over raw_radius (pixel size where it was placed) */
     kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, in
                                   * 1/254 of raw_radius * KL_CLEARANCE_REACH; 255: open */
     kl_u32 id;             /* hash of position, normal and level: the seed */

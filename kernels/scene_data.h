@@ -101,7 +101,7 @@ KL_ASSERT_SIZE(kl_texture, 32);
 typedef struct kl_light {
     kl_u32 type;        /* KL_LIGHT_* */
     kl_u32 triangle;    /* KL_LIGHT_TRIANGLE: index into triangles (instance 0), else KL_NONE */
-    float probability;  /* of being chosen, > 0 */
+    kl_u32 leaf;        /* its node in the light tree; KL_NONE: infinitely far */
     float range;        /* [m] KHR_lights_punctual range, 0 = unlimited */
     float color[3];     /* point, spot: [cd]; directional: [lx]; triangle: [nit] untextured */
     float cone_scale;   /* spot: 1 / (cos inner - cos outer) */
@@ -116,12 +116,21 @@ typedef struct kl_light {
 } kl_light;
 KL_ASSERT_SIZE(kl_light, 96);
 
-/* Walker's alias method: entry i keeps itself with probability `keep`, else gives `other`. */
-typedef struct kl_alias {
-    float keep;
-    kl_u32 other;
-} kl_alias;
-KL_ASSERT_SIZE(kl_alias, 8);
+/* Binary tree over the lights that are somewhere: Conty Estevez and Kulla, "Importance Sampling of
+ * Many Lights with Adaptive Tree Splitting", HPG 2018. Node 0 is the root. */
+typedef struct kl_light_node {
+    float box_min[3];
+    float power;      /* of all lights below, luminance */
+    float box_max[3];
+    float cos_cone;   /* emitting normals lie within this cone about axis; -1: any direction */
+    float axis[3];
+    kl_u32 parent;    /* KL_NONE at the root */
+    kl_u32 child;     /* first of two neighbouring children; KL_NONE at a leaf */
+    kl_u32 light;     /* at a leaf */
+    kl_u32 two_sided; /* 1: also emits against the cone */
+    kl_u32 pad;
+} kl_light_node;
+KL_ASSERT_SIZE(kl_light_node, 64);
 
 /* Lat-long environment: kernels/lights.h holds the mapping. */
 typedef struct kl_environment {
@@ -133,7 +142,9 @@ typedef struct kl_environment {
 /* The view that every kernel function takes. Not shared bytes: each side fills its own. */
 typedef struct kl_scene_view {
     kl_u32 needs; /* KL_NEED_* */
-    kl_u32 light_count;
+    kl_u32 light_count;    /* infinitely far ones first */
+    kl_u32 far_count;      /* directional lights and the environment */
+    float far_probability; /* of choosing among them, uniformly */
     kl_u32 instance_count;
     float scene_radius; /* [m] of the bounding sphere of everything, > 0 */
     const KL_GLOBAL float *positions;     /* 3 per vertex */
@@ -148,10 +159,10 @@ typedef struct kl_scene_view {
     const KL_GLOBAL kl_u32 *texels;
     const KL_GLOBAL float *srgb_table; /* 256 linear values */
     const KL_GLOBAL kl_light *lights;
-    const KL_GLOBAL kl_alias *light_alias;
-    const KL_GLOBAL float *env_texels;   /* 3 per texel, linear */
-    const KL_GLOBAL float *env_rows;     /* height + 1: CDF over rows */
-    const KL_GLOBAL float *env_columns;  /* height x (width + 1): CDF in each row */
+    const KL_GLOBAL kl_light_node *light_nodes;
+    const KL_GLOBAL float *env_texels;  /* 3 per texel, linear */
+    const KL_GLOBAL float *env_rows;    /* height + 1: CDF over rows */
+    const KL_GLOBAL float *env_columns; /* height x (width + 1): CDF in each row */
     kl_environment env;
     const KL_GLOBAL float *bvh_nodes;  /* kernels/bvh.h; NULL on a host that traces with Embree */
     const KL_GLOBAL kl_u32 *bvh_leaves;

@@ -1,0 +1,157 @@
+/* Interpolated irradiance from the records around a point. No stack, no pointers: the same on the
+ * host and on devices. */
+#ifndef KL_KERNELS_CACHE_QUERY_H
+#define KL_KERNELS_CACHE_QUERY_H
+#include "kernels/cache_data.h"
+#include "kernels/sampling.h"
+
+#define KL_OCTREE_MAX_LEVEL 19
+#define KL_BEHIND_TOLERANCE 0.1f /* of the radius: methods of Ward 1988, relative here */
+#define KL_MIN_EXTRAPOLATION 0.05f
+#define KL_MAX_EXTRAPOLATION 20.0f
+
+/* How a query weighs records. */
+typedef struct kl_query {
+    float reach;   /* radii are multiplied by this; at most the octree's own */
+    float cos_max; /* cosine of the largest angle between normals */
+} kl_query;
+
+typedef struct kl_answer {
+    kl_vec3 irr;   /* irradiance [W m^-2] */
+    float weight;  /* sum of weights; 0: no record serves this point */
+    float error;   /* relative standard error of the records, weighted mean */
+    float radius;  /* [m] of the nearest-weighted records, weighted mean */
+} kl_answer;
+
+/* 32 bits of hash for a cell, never 0. */
+KL_FN kl_u32 kl_cell_tag(kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z, kl_u32 salt)
+{
+    kl_u32 h = kl_hash((kl_u32)x + salt);
+    h = kl_hash(h ^ ((kl_u32)y * 0x9e3779b1u));
+    h = kl_hash(h ^ ((kl_u32)z * 0x85ebca77u) ^ (level << 27));
+    return h ? h : 1u;
+}
+
+/* Row of a cell, or KL_NONE. */
+KL_FN kl_u32 kl_octree_find(const kl_level_view *c, kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z)
+{
+    const kl_u32 mask = c->head.slot_count - 1u;
+    const kl_u32 tag = kl_cell_tag(level, x, y, z, c->head.salt);
+    kl_u32 i = tag & mask;
+    for (kl_u32 n = 0; n <= mask; ++n) {
+        const kl_u32 here = c->slots[i].tag;
+        if (here == tag) return c->slots[i].row;
+        if (here == 0u) return KL_NONE;
+        i = (i + 1u) & mask;
+    }
+    return KL_NONE;
+}
+
+/* Weight of a record at point p with normal n; 0 where it does not apply. Elliptic hat of
+ * Schwarzhaupt, Jensen, Jarosz 2012; behind test with the mean normal after Ward 1988. */
+KL_FN float kl_record_weight(const KL_GLOBAL kl_record_hot *r, kl_vec3 p, kl_vec3 n,
+                             const kl_query *q, kl_vec3 *offset, kl_vec3 *normal)
+{
+    const kl_vec3 d = kl_v3_sub(p, kl_v3_load(r->pos));
+    const float reach = q->reach * r->radius2;
+    const float d2 = kl_dot(d, d);
+    if (!(d2 < reach * reach)) return 0.0f;
+    const kl_vec3 ni = kl_oct_decode(r->normal);
+    const float cosine = kl_dot(n, ni);
+    if (!(cosine > q->cos_max)) return 0.0f;
+    const float r1 = q->reach * r->radius;
+    if (0.5f * (kl_dot(d, n) + kl_dot(d, ni)) < -KL_BEHIND_TOLERANCE * r1) return 0.0f;
+    float t2 = d2 / (r1 * r1);
+    if (r->radius2 > r->radius) {
+        const kl_frame f = kl_frame_from_normal(ni);
+        const float angle = (float)(r->axis & 0xffffu) * (2.0f * KL_PI / 65536.0f);
+        const float x = kl_dot(d, f.t);
+        const float y = kl_dot(d, f.b);
+        const float major = y * kl_cos(angle) - x * kl_sin(angle);
+        t2 -= major * major * (1.0f / (r1 * r1) - 1.0f / (reach * reach));
+    }
+    *offset = d;
+    *normal = ni;
+    return kl_fmax(0.0f, 1.0f - kl_sqrt(kl_fmax(t2, 0.0f))) * (cosine - q->cos_max) /
+           (1.0f - q->cos_max);
+}
+
+/* Is the horizon blocked between the record and a point at local offset (x, y)? Uses the distances
+ * that the record's lowest gather rays found, so a thin wall stops the record without any ray. */
+KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, float x, float y)
+{
+    const float turn = kl_atan2(y, x) * (0.5f * KL_INV_PI) + 1.0f;
+    const kl_u32 sector = (kl_u32)(turn * (float)KL_SECTORS) & (KL_SECTORS - 1u);
+    const kl_u32 code = c->clearance[sector];
+    if (code == 255u) return 0;
+    const float open = (float)code * (1.0f / 254.0f) * KL_CLEARANCE_REACH * c->raw_radius;
+    return x * x + y * y > open * open;
+}
+
+/* What the record says the irradiance is at an offset: first order in position and normal, as a
+ * factor that is kept within bounds. */
+KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_frame *f,
+                                    kl_vec3 offset, kl_vec3 n)
+{
+    const float x = kl_dot(offset, f->t) / c->raw_radius;
+    const float y = kl_dot(offset, f->b) / c->raw_radius;
+    const kl_vec3 turn = kl_cross(f->n, n);
+    const float u = kl_dot(turn, f->t);
+    const float v = kl_dot(turn, f->b);
+    float e[3];
+    for (int k = 0; k < 3; ++k) {
+        const float g = 1.0f + kl_half_to_float(c->grad_t[2 * k]) * x +
+                        kl_half_to_float(c->grad_t[2 * k + 1]) * y +
+                        kl_half_to_float(c->grad_r[2 * k]) * u +
+                        kl_half_to_float(c->grad_r[2 * k + 1]) * v;
+        e[k] = c->irr[k] * kl_clamp(g, KL_MIN_EXTRAPOLATION, KL_MAX_EXTRAPOLATION);
+    }
+    return kl_v3(e[0], e[1], e[2]);
+}
+
+/* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
+ * wanted (normal map), reached through the rotational gradient. */
+KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec3 p, kl_vec3 n,
+                               kl_vec3 bent)
+{
+    kl_answer a;
+    a.irr = kl_v3_splat(0.0f);
+    a.weight = 0.0f;
+    a.error = 0.0f;
+    a.radius = 0.0f;
+    if (c->head.record_count == 0u) return a;
+    const kl_vec3 rel = kl_v3_sub(p, kl_v3(c->head.root_min[0], c->head.root_min[1],
+                                           c->head.root_min[2]));
+    kl_u32 levels = c->head.level_mask;
+    for (kl_u32 level = 0; levels >> level; ++level) {
+        if (!((levels >> level) & 1u)) continue;
+        const float scale = (float)(1u << level) / c->head.side;
+        const kl_u32 row = kl_octree_find(c, level, (kl_i32)kl_floor(rel.x * scale),
+                                          (kl_i32)kl_floor(rel.y * scale),
+                                          (kl_i32)kl_floor(rel.z * scale));
+        if (row == KL_NONE) continue;
+        const kl_u32 count = c->rows[row];
+        for (kl_u32 k = 1; k <= count; ++k) {
+            const kl_u32 i = c->rows[row + k];
+            kl_vec3 offset, normal;
+            const float w = kl_record_weight(&c->hot[i], p, n, q, &offset, &normal);
+            if (!(w > 0.0f)) continue;
+            const kl_frame f = kl_frame_from_normal(normal);
+            if (kl_record_is_blocked(&c->cold[i], kl_dot(offset, f.t), kl_dot(offset, f.b))) {
+                continue;
+            }
+            a.irr = kl_v3_mad(a.irr, w, kl_record_extrapolate(&c->cold[i], &f, offset, bent));
+            a.error += w * kl_half_to_float(c->cold[i].error_spacing & 0xffffu);
+            a.radius += w * c->hot[i].radius;
+            a.weight += w;
+        }
+    }
+    if (a.weight > 0.0f) {
+        a.irr = kl_v3_scale(a.irr, 1.0f / a.weight);
+        a.error /= a.weight;
+        a.radius /= a.weight;
+    }
+    return a;
+}
+
+#endif

@@ -1,0 +1,148 @@
+/* One gather ray: the indirect radiance that arrives at a point from one direction, and how far
+ * away it comes from. */
+#ifndef KL_KERNELS_GATHER_H
+#define KL_KERNELS_GATHER_H
+#include "kernels/bsdf.h"
+#include "kernels/cache_query.h"
+#include "kernels/lights.h"
+
+#define KL_GATHER_DEPTH 64 /* bounces at most; roulette ends nearly all paths long before */
+
+/* A point for which irradiance is wanted. */
+typedef struct kl_gather_point {
+    float pos[3];     /* [m], render space, on the surface */
+    kl_u32 normal;    /* octahedral: smooth normal, axis of the hemisphere */
+    kl_u32 geometric; /* octahedral: normal of the triangle, on the same side */
+    kl_u32 seed;      /* identity of the record: hash of position, normal, level */
+    float rot_cos, rot_sin; /* rotation of the direction set about the normal */
+} kl_gather_point;
+KL_ASSERT_SIZE(kl_gather_point, 32);
+
+/* Directions shared by a batch: an Owen-scrambled Sobol' net of side^2 points on the unit disc, one
+ * in each cell of the concentric grid, listed by cell, row by row. */
+typedef struct kl_direction {
+    float x, y;   /* disc point: the tangential part of the direction */
+    kl_u32 index; /* place in the sequence: quarter blocks estimate the error */
+    kl_u32 pad;
+} kl_direction;
+KL_ASSERT_SIZE(kl_direction, 16);
+
+/* What one ray found. */
+typedef struct kl_gather_cell {
+    float radiance[3]; /* [W m^-2 sr^-1], >= 0, finite */
+    float distance;    /* [m]; KL_INF: nothing there; negative: back of a surface (magnitude) */
+} kl_gather_cell;
+KL_ASSERT_SIZE(kl_gather_cell, 16);
+
+typedef struct kl_gather_settings {
+    kl_query query;       /* of the level-1 records */
+    float length_scale;   /* records serve a ray only if it is longer than xi * this * radius */
+    kl_u32 side;          /* directions are side x side */
+    kl_u32 sets;          /* number of direction sets, a power of two */
+} kl_gather_settings;
+
+/* Direct light reflected by a Lambertian surface of the given albedo: one light sample. */
+KL_FN kl_vec3 kl_direct_lambert(const kl_scene_view *s, const kl_surface *surf, kl_vec3 albedo,
+                                float choice, kl_vec2 u)
+{
+    kl_light_sample light;
+    if (!kl_light_sample_one(s, surf->pos, surf->geometric, choice, u, &light)) {
+        return kl_v3_splat(0.0f);
+    }
+    const float cosine = kl_dot(surf->smooth, light.wi);
+    if (!(cosine > 0.0f) || !(kl_dot(surf->geometric, light.wi) > 0.0f)) return kl_v3_splat(0.0f);
+    const kl_ray ray = kl_shadow_ray(surf, &light);
+    const float through = kl_transmittance(s, &ray);
+    return kl_v3_scale(kl_v3_mul(albedo, light.radiance), KL_INV_PI * cosine * through / light.pdf);
+}
+
+/* Radiance that comes back along `ray`, without what emitters send directly: their light belongs to
+ * the direct light of the ray's origin. Ends in the records of level 1 where these serve, else goes
+ * on as a path, so that all bounces are counted. */
+KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *level1,
+                                   const kl_gather_settings *set, kl_ray ray, kl_sampler sampler)
+{
+    kl_gather_cell out;
+    kl_vec3 sum = kl_v3_splat(0.0f);
+    kl_vec3 beta = kl_v3_splat(1.0f);
+    out.distance = KL_INF;
+    for (int bounce = 0; bounce < KL_GATHER_DEPTH; ++bounce) {
+        kl_hit hit;
+        kl_surface surf;
+        const kl_u32 seed = kl_hash2(sampler.seed, sampler.index * 64u + (kl_u32)bounce);
+        if (!kl_intersect(s, &ray, seed, &hit)) break;
+        kl_surface_at(s, &ray, &hit, &surf);
+        if (bounce == 0) out.distance = hit.t;
+        const kl_vec3 albedo = kl_gather_albedo(s, &surf, kl_v3_scale(ray.dir, -1.0f));
+        beta = kl_v3_mul(beta, albedo);
+        if (kl_is_black(beta)) break;
+        const float choice = kl_sampler_1d(&sampler);
+        const kl_vec2 u = kl_sampler_2d(&sampler);
+        sum = kl_v3_add(sum, kl_v3_mul(beta, kl_direct_lambert(s, &surf, kl_v3_splat(1.0f), choice,
+                                                               u)));
+        const float xi = kl_sampler_1d(&sampler);
+        const kl_answer a = kl_cache_query(level1, &set->query, surf.pos, surf.smooth, surf.smooth);
+        if (a.weight > 0.0f && hit.t > xi * set->length_scale * a.radius) {
+            sum = kl_v3_mad(sum, KL_INV_PI, kl_v3_mul(beta, a.irr));
+            break;
+        }
+        if (bounce >= 1) {
+            const float go_on = kl_fmin(0.95f, kl_max3(beta));
+            if (kl_sampler_1d(&sampler) >= go_on) break;
+            beta = kl_v3_scale(beta, 1.0f / go_on);
+        }
+        const kl_frame f = kl_frame_from_normal(surf.smooth);
+        const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(&sampler)));
+        if (!(kl_dot(dir, surf.geometric) > 0.0f)) break;
+        ray = kl_ray_make(kl_offset_point(surf.pos, surf.geometric), dir, KL_INF);
+    }
+    out.radiance[0] = sum.x;
+    out.radiance[1] = sum.y;
+    out.radiance[2] = sum.z;
+    return out;
+}
+
+/* The ray of one cell of one record's hemisphere. `x, y`: disc point of the direction. */
+KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_view *level1,
+                                         const kl_gather_settings *set,
+                                         const KL_GLOBAL kl_gather_point *point,
+                                         const KL_GLOBAL kl_direction *direction)
+{
+    const kl_vec3 n = kl_oct_decode(point->normal);
+    const kl_vec3 ng = kl_oct_decode(point->geometric);
+    const kl_frame f = kl_frame_from_normal(n);
+    const float x = point->rot_cos * direction->x - point->rot_sin * direction->y;
+    const float y = point->rot_sin * direction->x + point->rot_cos * direction->y;
+    const kl_vec3 local = kl_v3(x, y, kl_sqrt(kl_fmax(0.0f, 1.0f - x * x - y * y)));
+    const kl_vec3 dir = kl_frame_to_world(&f, local);
+    if (!(kl_dot(dir, ng) > 0.0f)) { /* below the triangle: its own surface, black and near */
+        kl_gather_cell none;
+        none.radiance[0] = 0.0f;
+        none.radiance[1] = 0.0f;
+        none.radiance[2] = 0.0f;
+        none.distance = KL_INF;
+        return none;
+    }
+    const kl_vec3 origin = kl_offset_point(kl_v3_load(point->pos), ng);
+    return kl_gather_ray(s, level1, set, kl_ray_make(origin, dir, KL_INF),
+                         kl_sampler_make(direction->index, point->seed));
+}
+
+/* Cell `order` of a side x side grid along the Z-curve, as row * side + column: consecutive work
+ * items trace neighbouring directions. side is a power of two. */
+KL_FN kl_u32 kl_cell_in_order(kl_u32 order, kl_u32 side)
+{
+    kl_u32 x = order & 0x55555555u;
+    kl_u32 y = (order >> 1) & 0x55555555u;
+    x = (x | (x >> 1)) & 0x33333333u;
+    x = (x | (x >> 2)) & 0x0f0f0f0fu;
+    x = (x | (x >> 4)) & 0x00ff00ffu;
+    x = (x | (x >> 8)) & 0x0000ffffu;
+    y = (y | (y >> 1)) & 0x33333333u;
+    y = (y | (y >> 2)) & 0x0f0f0f0fu;
+    y = (y | (y >> 4)) & 0x00ff00ffu;
+    y = (y | (y >> 8)) & 0x0000ffffu;
+    return y * side + x;
+}
+
+#endif

@@ -1,0 +1,317 @@
+/* Choosing and sampling lights. Every light belongs to the light sampler alone: rays that hit an
+ * emitter by chance weigh it against that (multiple importance sampling) or leave it out. */
+#ifndef KL_KERNELS_LIGHTS_H
+#define KL_KERNELS_LIGHTS_H
+#include "kernels/surface.h"
+
+typedef struct kl_light_sample {
+    kl_vec3 radiance; /* what arrives if nothing blocks, divided by nothing: [nit], or for points
+                       * and directions the irradiance at normal incidence [lx] */
+    kl_vec3 wi;       /* unit, towards the light */
+    float distance;   /* [m], KL_INF: infinitely far */
+    float pdf;        /* density over solid angle, choice of the light included; delta: of choice */
+    int delta;        /* no other strategy can find it */
+} kl_light_sample;
+
+/* --- The environment: lat-long, row 0 at +Y, centre column at -Z, +X to the right of it. --- */
+
+KL_FN kl_vec2 kl_env_uv(kl_vec3 d)
+{
+    kl_vec2 uv;
+    uv.x = 0.5f + kl_atan2(d.x, -d.z) * (0.5f * KL_INV_PI);
+    uv.y = kl_acos(kl_clamp(d.y, -1.0f, 1.0f)) * KL_INV_PI;
+    return uv;
+}
+KL_FN kl_u32 kl_env_texel_at(const kl_scene_view *s, kl_vec2 uv)
+{
+    const kl_u32 x = (kl_u32)kl_clamp(uv.x * (float)s->env.width, 0.0f, (float)(s->env.width - 1u));
+    const kl_u32 y = (kl_u32)kl_clamp(uv.y * (float)s->env.height, 0.0f, (float)(s->env.height - 1u));
+    return y * s->env.width + x;
+}
+/* Radiance from direction d; piecewise constant, so that the sampling density matches exactly. */
+KL_FN kl_vec3 kl_env_radiance(const kl_scene_view *s, kl_vec3 d)
+{
+    if (!KL_NEEDS(s, KL_NEED_ENVIRONMENT)) return kl_v3_splat(0.0f);
+    const kl_vec3 c = kl_v3_load(s->env_texels + 3 * (size_t)kl_env_texel_at(s, kl_env_uv(d)));
+    return kl_v3_scale(c, s->env.scale);
+}
+/* Largest i in [0, n) with cdf[i] <= u. */
+KL_FN kl_u32 kl_cdf_find(const KL_GLOBAL float *cdf, kl_u32 n, float u)
+{
+    kl_u32 lo = 0;
+    kl_u32 hi = n;
+    while (hi - lo > 1u) {
+        const kl_u32 mid = (lo + hi) / 2u;
+        if (cdf[mid] <= u) {
+            lo = mid;
+        } else {
+            hi = mid;
+        }
+    }
+    return lo;
+}
+/* Density over solid angle of kl_env_sample, without the choice of the light. */
+KL_FN float kl_env_pdf(const kl_scene_view *s, kl_vec3 d)
+{
+    const kl_u32 texel = kl_env_texel_at(s, kl_env_uv(d));
+    const kl_u32 y = texel / s->env.width;
+    const kl_u32 x = texel - y * s->env.width;
+    const KL_GLOBAL float *row = s->env_columns + (size_t)y * (s->env.width + 1u);
+    const float p = (s->env_rows[y + 1] - s->env_rows[y]) * (row[x + 1] - row[x]);
+    const float sine = kl_sqrt(kl_fmax(1e-12f, 1.0f - d.y * d.y));
+    return p * (float)s->env.width * (float)s->env.height / (2.0f * KL_PI * KL_PI * sine);
+}
+KL_FN kl_vec3 kl_env_sample(const kl_scene_view *s, kl_vec2 u)
+{
+    const kl_u32 y = kl_cdf_find(s->env_rows, s->env.height, u.y);
+    const KL_GLOBAL float *row = s->env_columns + (size_t)y * (s->env.width + 1u);
+    const kl_u32 x = kl_cdf_find(row, s->env.width, u.x);
+    const float wy = s->env_rows[y + 1] - s->env_rows[y];
+    const float wx = row[x + 1] - row[x];
+    const float fy = wy > 0.0f ? (u.y - s->env_rows[y]) / wy : 0.5f;
+    const float fx = wx > 0.0f ? (u.x - row[x]) / wx : 0.5f;
+    const float theta = KL_PI * ((float)y + kl_clamp(fy, 0.0f, 0.9999f)) / (float)s->env.height;
+    const float phi = 2.0f * KL_PI *
+                      (((float)x + kl_clamp(fx, 0.0f, 0.9999f)) / (float)s->env.width - 0.5f);
+    const float sine = kl_sin(theta);
+    return kl_v3(sine * kl_sin(phi), kl_cos(theta), -sine * kl_cos(phi));
+}
+
+/* --- The light tree. --- */
+
+/* Cosine of max(0, a - b) from cosines and sines of a, b in [0, pi]. */
+KL_FN float kl_cos_sub(float sin_a, float cos_a, float sin_b, float cos_b)
+{
+    return cos_a > cos_b ? 1.0f : cos_a * cos_b + sin_a * sin_b;
+}
+KL_FN float kl_sin_sub(float sin_a, float cos_a, float sin_b, float cos_b)
+{
+    return cos_a > cos_b ? 0.0f : sin_a * cos_b - cos_a * sin_b;
+}
+KL_FN float kl_safe_sin(float c)
+{
+    return kl_sqrt(kl_fmax(0.0f, 1.0f - c * c));
+}
+
+/* Bound on what the lights below a node can give to a receiver, up to a common factor: power times
+ * emitter cosine times receiver cosine over distance^2. 0 only where nothing can arrive. */
+KL_FN float kl_light_importance(const KL_GLOBAL kl_light_node *node, kl_vec3 p, kl_vec3 n)
+{
+    const kl_vec3 lo = kl_v3_load(node->box_min);
+    const kl_vec3 hi = kl_v3_load(node->box_max);
+    const kl_vec3 center = kl_v3_scale(kl_v3_add(lo, hi), 0.5f);
+    const kl_vec3 half_size = kl_v3_scale(kl_v3_sub(hi, lo), 0.5f);
+    const float r2 = kl_dot(half_size, half_size);
+    const kl_vec3 to = kl_v3_sub(center, p);
+    const float d2 = kl_dot(to, to);
+    if (!(d2 > r2)) return node->power / kl_fmax(r2, 1e-30f); /* inside: anything may happen */
+    const kl_vec3 w = kl_v3_scale(to, 1.0f / kl_sqrt(d2));
+    const float sin_u = kl_fmin(1.0f, kl_sqrt(r2 / d2)); /* the box is seen under this angle */
+    const float cos_u = kl_safe_sin(sin_u);
+    float bound = 1.0f;
+    if (node->cos_cone > -1.0f) {
+        float cos_w = -kl_dot(w, kl_v3_load(node->axis));
+        if (node->two_sided) cos_w = kl_fabs(cos_w);
+        const float sin_w = kl_safe_sin(cos_w);
+        const float sin_o = kl_safe_sin(node->cos_cone);
+        const float cos_x = kl_cos_sub(sin_w, cos_w, sin_o, node->cos_cone);
+        const float sin_x = kl_sin_sub(sin_w, cos_w, sin_o, node->cos_cone);
+        bound = kl_cos_sub(sin_x, cos_x, sin_u, cos_u);
+        if (!(bound > 0.0f)) return 0.0f;
+    }
+    const float cos_i = kl_dot(w, n);
+    const float receiver = kl_cos_sub(kl_safe_sin(cos_i), cos_i, sin_u, cos_u);
+    if (!(receiver > 0.0f)) return 0.0f;
+    return node->power * bound * receiver / d2;
+}
+
+/* Probability of going to the first of a node's two children; -1 where neither can contribute. */
+KL_FN float kl_light_first(const kl_scene_view *s, kl_u32 child, kl_vec3 p, kl_vec3 n)
+{
+    const float a = kl_light_importance(&s->light_nodes[child], p, n);
+    const float b = kl_light_importance(&s->light_nodes[child + 1u], p, n);
+    return a + b > 0.0f ? a / (a + b) : -1.0f;
+}
+
+/* Choose a light for a receiver at p with normal n; KL_NONE where none can contribute. */
+KL_FN kl_u32 kl_light_choose(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, float u, float *prob)
+{
+    *prob = 0.0f;
+    if (s->light_count == 0u) return KL_NONE;
+    if (u < s->far_probability) {
+        *prob = s->far_probability / (float)s->far_count;
+        const kl_u32 i = (kl_u32)(u / *prob);
+        return i < s->far_count ? i : s->far_count - 1u;
+    }
+    *prob = 1.0f - s->far_probability;
+    u = (u - s->far_probability) / *prob;
+    kl_u32 node = 0;
+    while (s->light_nodes[node].child != KL_NONE) {
+        const kl_u32 child = s->light_nodes[node].child;
+        const float first = kl_light_first(s, child, p, n);
+        if (first < 0.0f) return KL_NONE;
+        if (u < first) {
+            node = child;
+            u /= first;
+            *prob *= first;
+        } else {
+            node = child + 1u;
+            u = (u - first) / (1.0f - first);
+            *prob *= 1.0f - first;
+        }
+        u = kl_clamp(u, 0.0f, 0.99999994f);
+    }
+    return s->light_nodes[node].light;
+}
+
+/* Probability with which kl_light_choose finds this light. */
+KL_FN float kl_light_probability(const kl_scene_view *s, kl_u32 light, kl_vec3 p, kl_vec3 n)
+{
+    if (light < s->far_count) return s->far_probability / (float)s->far_count;
+    float prob = 1.0f - s->far_probability;
+    kl_u32 node = s->lights[light].leaf;
+    while (s->light_nodes[node].parent != KL_NONE) {
+        const kl_u32 parent = s->light_nodes[node].parent;
+        const kl_u32 child = s->light_nodes[parent].child;
+        const float first = kl_light_first(s, child, p, n);
+        if (first < 0.0f) return 0.0f;
+        prob *= node == child ? first : 1.0f - first;
+        node = parent;
+    }
+    return prob;
+}
+
+/* --- Samples. --- */
+
+KL_FN kl_vec3 kl_light_color(const KL_GLOBAL kl_light *l)
+{
+    return kl_v3_load(l->color);
+}
+
+/* Emission of a textured triangle at barycentrics (u, v). */
+KL_FN kl_vec3 kl_triangle_emission(const kl_scene_view *s, const KL_GLOBAL kl_light *l, float u,
+                                   float v)
+{
+    if (!l->textured) return kl_light_color(l);
+    const KL_GLOBAL kl_triangle *t = &s->triangles[l->triangle];
+    const KL_GLOBAL kl_material *m = &s->materials[t->material];
+    kl_hit h;
+    h.t = 0.0f;
+    h.u = u;
+    h.v = v;
+    h.triangle = l->triangle;
+    h.instance = 0;
+    const kl_uv uv = kl_hit_uv_if_needed(s, t, &h);
+    const kl_rgba e = kl_material_texel(s, m, KL_TEX_EMISSIVE, &uv);
+    return kl_v3(m->emission[0] * e.r, m->emission[1] * e.g, m->emission[2] * e.b);
+}
+
+KL_FN int kl_light_sample_triangle(const kl_scene_view *s, const KL_GLOBAL kl_light *l, kl_vec3 p,
+                                   kl_vec2 u, kl_light_sample *out)
+{
+    const kl_vec3 e1 = kl_v3_load(l->edge1);
+    const kl_vec3 e2 = kl_v3_load(l->edge2);
+    /* Heitz, "A Low-Distortion Map Between Triangle and Square", 2019: keeps strata whole. */
+    float b1, b2;
+    if (u.x < u.y) {
+        b1 = 0.5f * u.x;
+        b2 = u.y - b1;
+    } else {
+        b2 = 0.5f * u.y;
+        b1 = u.x - b2;
+    }
+    const kl_vec3 y = kl_v3_mad(kl_v3_mad(kl_v3_load(l->pos), b1, e1), b2, e2);
+    const kl_vec3 d = kl_v3_sub(y, p);
+    const float d2 = kl_dot(d, d);
+    if (!(d2 > 0.0f)) return 0;
+    out->distance = kl_sqrt(d2);
+    out->wi = kl_v3_scale(d, 1.0f / out->distance);
+    float cosine = -kl_dot(kl_normalize(kl_cross(e1, e2)), out->wi);
+    if (l->two_sided) cosine = kl_fabs(cosine);
+    if (!(cosine > 1e-6f)) return 0;
+    out->radiance = kl_triangle_emission(s, l, b1, b2);
+    out->pdf = d2 / (cosine * l->area);
+    out->delta = 0;
+    return 1;
+}
+
+KL_FN int kl_light_sample_punctual(const KL_GLOBAL kl_light *l, kl_vec3 p, kl_light_sample *out)
+{
+    out->delta = 1;
+    out->pdf = 1.0f;
+    out->radiance = kl_light_color(l);
+    if (l->type == KL_LIGHT_DIRECTIONAL) {
+        out->wi = kl_v3_scale(kl_v3_load(l->dir), -1.0f);
+        out->distance = KL_INF;
+        return 1;
+    }
+    const kl_vec3 d = kl_v3_sub(kl_v3_load(l->pos), p);
+    const float d2 = kl_dot(d, d);
+    if (!(d2 > 0.0f)) return 0;
+    out->distance = kl_sqrt(d2);
+    out->wi = kl_v3_scale(d, 1.0f / out->distance);
+    float scale = 1.0f / d2;
+    if (l->range > 0.0f) { /* KHR_lights_punctual's recommended window */
+        const float q = out->distance / l->range;
+        scale *= kl_clamp(1.0f - q * q * q * q, 0.0f, 1.0f);
+    }
+    if (l->type == KL_LIGHT_SPOT) {
+        const float c = -kl_dot(out->wi, kl_v3_load(l->dir));
+        const float a = kl_clamp((c - l->cone_cos) * l->cone_scale, 0.0f, 1.0f);
+        scale *= a * a;
+    }
+    out->radiance = kl_v3_scale(out->radiance, scale);
+    return scale > 0.0f;
+}
+
+/* One sample of the light that reaches p, where the surface has geometric normal n. 0: nothing. */
+KL_FN int kl_light_sample_one(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, float choice, kl_vec2 u,
+                              kl_light_sample *out)
+{
+    float prob;
+    const kl_u32 i = kl_light_choose(s, p, n, choice, &prob);
+    if (i == KL_NONE || !(prob > 0.0f)) return 0;
+    const KL_GLOBAL kl_light *l = &s->lights[i];
+    int ok = 0;
+    if (l->type == KL_LIGHT_TRIANGLE) {
+        ok = kl_light_sample_triangle(s, l, p, u, out);
+    } else if (l->type == KL_LIGHT_ENVIRONMENT) {
+        out->wi = kl_env_sample(s, u);
+        out->distance = KL_INF;
+        out->radiance = kl_env_radiance(s, out->wi);
+        out->pdf = kl_env_pdf(s, out->wi);
+        out->delta = 0;
+        ok = out->pdf > 0.0f;
+    } else {
+        ok = kl_light_sample_punctual(l, p, out);
+    }
+    out->pdf *= prob;
+    return ok && !kl_is_black(out->radiance);
+}
+
+/* Density with which kl_light_sample_one, asked at p with normal n, finds the emitter that a ray
+ * from p along `dir` hit at distance t; for the environment pass light = env.light. */
+KL_FN float kl_light_pdf(const kl_scene_view *s, kl_u32 light, kl_vec3 p, kl_vec3 n, kl_vec3 dir,
+                         float t)
+{
+    const KL_GLOBAL kl_light *l = &s->lights[light];
+    const float prob = kl_light_probability(s, light, p, n);
+    if (l->type == KL_LIGHT_ENVIRONMENT) return prob * kl_env_pdf(s, dir);
+    const kl_vec3 ln = kl_normalize(kl_cross(kl_v3_load(l->edge1), kl_v3_load(l->edge2)));
+    const float cosine = kl_fabs(kl_dot(ln, dir));
+    return cosine > 1e-6f ? prob * t * t / (cosine * l->area) : 0.0f;
+}
+
+/* Ray from a surface point to a light sample, both ends kept off the surfaces. */
+KL_FN kl_ray kl_shadow_ray(const kl_surface *s, const kl_light_sample *l)
+{
+    const float side = kl_dot(s->geometric, l->wi) >= 0.0f ? 1.0f : -1.0f;
+    const kl_vec3 o = kl_offset_point(s->pos, kl_v3_scale(s->geometric, side));
+    if (l->distance >= KL_INF) return kl_ray_make(o, l->wi, KL_INF);
+    const kl_vec3 target = kl_v3_mad(s->pos, l->distance * (1.0f - 1e-4f), l->wi);
+    const kl_vec3 d = kl_v3_sub(target, o);
+    const float t = kl_length(d);
+    return kl_ray_make(o, t > 0.0f ? kl_v3_scale(d, 1.0f / t) : l->wi, t);
+}
+
+#endif
