@@ -36,6 +36,16 @@ typedef struct kl_bvh_leaf {
 } kl_bvh_leaf;
 KL_ASSERT_SIZE(kl_bvh_leaf, 160);
 
+/* Position of the lowest set bit of a mask that is not 0: OpenCL C 1.2 has only clz. */
+KL_FN kl_u32 kl_ctz(kl_u32 mask)
+{
+#if KL_DEVICE
+    return 31u - clz(mask & (0u - mask));
+#else
+    return (kl_u32)__builtin_ctz(mask);
+#endif
+}
+
 /* What the box test needs of a ray. near_*: where in kl_bvh_node.bounds the side stands that the
  * ray meets first, in units of KL_BVH_WIDTH; the far side is its neighbour (xor 1). */
 typedef struct kl_bvh_slabs {
@@ -69,15 +79,18 @@ KL_FN kl_bvh_slabs kl_bvh_slabs_make(kl_vec3 origin, kl_vec3 dir, float tmin)
  * half a unit in the last place, on both sides of the comparison. 1 + 2^-21. */
 #define KL_BVH_SLACK 1.000000476837158f
 
-/* How the rays of a pack end: lanes that are hit, their distance and edge functions. */
+/* Edge functions that differ from 0 by less than this part of their sum count as 0: 2^-23. */
+#define KL_BVH_EDGE 1.1920929e-7f
+
+/* How a ray meets a pack: lanes that are hit, their distance and edge functions. */
 typedef struct kl_bvh_lanes {
     kl_u32 mask;
     float t[KL_BVH_PACK], u[KL_BVH_PACK], v[KL_BVH_PACK];
 } kl_bvh_lanes;
 
 #if KL_DEVICE
-/* Bit i of the result: lane i of a comparison. x86 has an instruction for it, which compilers do not
- * find by themselves. */
+/* Bit i of the result: lane i of a comparison. x86 has an instruction for it, which compilers do
+ * not find by themselves. */
 #if defined(__AVX__) && defined(__clang__)
 KL_FN kl_u32 kl_bvh_mask8(int8 m)
 {
@@ -137,8 +150,7 @@ KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, 
         (gy * wz - gz * wy) * d.x + (gz * wx - gx * wz) * d.y + (gx * wy - gy * wx) * d.z;
     const float4 sum = u + v + w;
     const float4 eps = fabs(sum) * KL_BVH_EDGE;
-    const int4 inside =
-        (min(min(u, v), w) >= -eps) | (max(max(u, v), w) <= eps);
+    const int4 inside = (min(min(u, v), w) >= -eps) | (max(max(u, v), w) <= eps);
     out->mask = kl_bvh_mask4(inside);
     if (out->mask == 0u) return;
     const float4 hx = fy * ez - fz * ey, hy = fz * ex - fx * ez, hz = fx * ey - fy * ex;
@@ -151,3 +163,277 @@ KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, 
     vstore4(v / sum, 0, out->v);
 }
 #else
+KL_FN kl_u32 kl_bvh_boxes(const KL_GLOBAL kl_bvh_node *node, const kl_bvh_slabs *s, float tmax,
+                          float *tnear)
+{
+    kl_u32 mask = 0u;
+    for (kl_u32 i = 0u; i < KL_BVH_WIDTH; ++i) {
+        const KL_GLOBAL float *b = node->bounds + i;
+        const float nx = (b[8u * s->near_x] - s->origin.x) * s->inverse.x;
+        const float ny = (b[8u * s->near_y] - s->origin.y) * s->inverse.y;
+        const float nz = (b[8u * s->near_z] - s->origin.z) * s->inverse.z;
+        const float fx = (b[8u * (s->near_x ^ 1u)] - s->origin.x) * s->inverse.x;
+        const float fy = (b[8u * (s->near_y ^ 1u)] - s->origin.y) * s->inverse.y;
+        const float fz = (b[8u * (s->near_z ^ 1u)] - s->origin.z) * s->inverse.z;
+        const float n = kl_fmax(kl_fmax(nx, ny), kl_fmax(nz, s->tmin));
+        const float f = kl_fmin(kl_fmin(fx, fy), kl_fmin(fz, tmax));
+        tnear[i] = n;
+        mask |= n <= f * KL_BVH_SLACK ? 1u << i : 0u;
+    }
+    return mask;
+}
+
+/* Edge function of the edge from p to q (both relative to the ray's origin) against direction d. */
+KL_FN float kl_bvh_edge(kl_vec3 q, kl_vec3 p, kl_vec3 d)
+{
+    const kl_vec3 c = kl_cross(kl_v3_sub(q, p), kl_v3_add(q, p));
+    return c.x * d.x + c.y * d.y + c.z * d.z;
+}
+
+KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, float tmin,
+                       float tmax, kl_bvh_lanes *out)
+{
+    out->mask = 0u;
+    for (kl_u32 i = 0u; i < KL_BVH_PACK; ++i) {
+        const KL_GLOBAL float *p = leaf->v + i;
+        const kl_vec3 a = kl_v3_sub(kl_v3(p[0], p[4], p[8]), o);
+        const kl_vec3 b = kl_v3_sub(kl_v3(p[12], p[16], p[20]), o);
+        const kl_vec3 c = kl_v3_sub(kl_v3(p[24], p[28], p[32]), o);
+        const float u = kl_bvh_edge(c, a, d);
+        const float v = kl_bvh_edge(a, b, d);
+        const float w = kl_bvh_edge(b, c, d);
+        const float sum = u + v + w;
+        const float eps = kl_fabs(sum) * KL_BVH_EDGE;
+        if (!(kl_fmin(kl_fmin(u, v), w) >= -eps || kl_fmax(kl_fmax(u, v), w) <= eps)) continue;
+        const kl_vec3 normal = kl_cross(kl_v3_sub(a, b), kl_v3_sub(c, a));
+        const float den = kl_dot(normal, d);
+        if (den == 0.0f) continue; /* the ray lies in the plane */
+        const float t = kl_dot(a, normal) / den;
+        if (!(t > tmin && t < tmax)) continue;
+        out->mask |= 1u << i;
+        out->t[i] = t;
+        out->u[i] = u / sum;
+        out->v[i] = v / sum;
+    }
+}
+#endif
+
+/* Children still to visit, nearest on top. */
+typedef struct kl_bvh_stack {
+    kl_u32 size;
+    kl_u32 child[KL_BVH_STACK];
+    float t[KL_BVH_STACK];
+} kl_bvh_stack;
+
+/* Push the children of a node that `mask` names, farthest first. */
+KL_FN void kl_bvh_push(kl_bvh_stack *stack, const KL_GLOBAL kl_bvh_node *node, kl_u32 mask,
+                       const float *tnear)
+{
+    const kl_u32 base = stack->size;
+    while (mask != 0u) {
+        const kl_u32 i = kl_ctz(mask);
+        const float t = tnear[i];
+        kl_u32 at = stack->size++;
+        mask &= mask - 1u;
+        while (at > base && stack->t[at - 1u] < t) {
+            stack->t[at] = stack->t[at - 1u];
+            stack->child[at] = stack->child[at - 1u];
+            --at;
+        }
+        stack->t[at] = t;
+        stack->child[at] = node->child[i];
+    }
+}
+
+/* All packs of a leaf; improves *hit (its t is the limit). 1 if anything was hit. */
+KL_FN int kl_bvh_leaf_closest(const KL_GLOBAL kl_bvh_leaf *leaves, kl_u32 child, kl_vec3 origin,
+                              kl_vec3 dir, float tmin, kl_hit *hit)
+{
+    const kl_u32 first = (child & ~KL_BVH_LEAF) >> 2;
+    const kl_u32 end = first + (child & 3u) + 1u;
+    int found = 0;
+    for (kl_u32 i = first; i < end; ++i) {
+        kl_bvh_lanes lanes;
+        kl_bvh_pack(leaves + i, origin, dir, tmin, hit->t, &lanes);
+        while (lanes.mask != 0u) {
+            const kl_u32 k = kl_ctz(lanes.mask);
+            lanes.mask &= lanes.mask - 1u;
+            if (!(lanes.t[k] < hit->t)) continue;
+            hit->t = lanes.t[k];
+            hit->u = kl_clamp(lanes.u[k], 0.0f, 1.0f);
+            hit->v = kl_clamp(lanes.v[k], 0.0f, 1.0f);
+            hit->triangle = leaves[i].triangle[k];
+            found = 1;
+        }
+    }
+    return found;
+}
+
+/* The triangles below `root`, from the entries above stack->size on: the caller's stay. */
+KL_FN int kl_bvh_tree_closest(const kl_scene_view *scene, kl_u32 root, kl_bvh_stack *stack,
+                              kl_vec3 origin, kl_vec3 dir, float tmin, kl_hit *hit)
+{
+    const kl_bvh_slabs slabs = kl_bvh_slabs_make(origin, dir, tmin);
+    const kl_u32 base = stack->size;
+    kl_u32 current = root;
+    int found = 0;
+    for (;;) {
+        if ((current & KL_BVH_LEAF) == 0u) {
+            const KL_GLOBAL kl_bvh_node *node = scene->bvh_nodes + current;
+            float tnear[KL_BVH_WIDTH];
+            const kl_u32 mask = kl_bvh_boxes(node, &slabs, hit->t, tnear);
+            if (mask != 0u && (mask & (mask - 1u)) == 0u) {
+                current = node->child[kl_ctz(mask)];
+                continue;
+            }
+            kl_bvh_push(stack, node, mask, tnear);
+        } else {
+            found |= kl_bvh_leaf_closest(scene->bvh_leaves, current, origin, dir, tmin, hit);
+        }
+        do {
+            if (stack->size == base) return found;
+            --stack->size;
+        } while (stack->t[stack->size] > hit->t);
+        current = stack->child[stack->size];
+    }
+}
+
+KL_FN int kl_bvh_leaf_any(const KL_GLOBAL kl_bvh_leaf *leaves, kl_u32 child, kl_vec3 origin,
+                          kl_vec3 dir, float tmin, float tmax)
+{
+    const kl_u32 first = (child & ~KL_BVH_LEAF) >> 2;
+    const kl_u32 end = first + (child & 3u) + 1u;
+    for (kl_u32 i = first; i < end; ++i) {
+        kl_bvh_lanes lanes;
+        kl_bvh_pack(leaves + i, origin, dir, tmin, tmax, &lanes);
+        if (lanes.mask != 0u) return 1;
+    }
+    return 0;
+}
+
+KL_FN int kl_bvh_tree_any(const kl_scene_view *scene, kl_u32 root, kl_bvh_stack *stack,
+                          kl_vec3 origin, kl_vec3 dir, float tmin, float tmax)
+{
+    const kl_bvh_slabs slabs = kl_bvh_slabs_make(origin, dir, tmin);
+    const kl_u32 base = stack->size;
+    kl_u32 current = root;
+    for (;;) {
+        if ((current & KL_BVH_LEAF) == 0u) {
+            const KL_GLOBAL kl_bvh_node *node = scene->bvh_nodes + current;
+            float tnear[KL_BVH_WIDTH];
+            kl_u32 mask = kl_bvh_boxes(node, &slabs, tmax, tnear);
+            while (mask != 0u) {
+                stack->child[stack->size++] = node->child[kl_ctz(mask)];
+                mask &= mask - 1u;
+            }
+        } else if (kl_bvh_leaf_any(scene->bvh_leaves, current, origin, dir, tmin, tmax)) {
+            return 1;
+        }
+        if (stack->size == base) return 0;
+        current = stack->child[--stack->size];
+    }
+}
+
+/* One instance: the ray goes to object space with its length kept in units of the render-space
+ * direction, so distances compare across instances. */
+KL_FN int kl_bvh_instance_closest(const kl_scene_view *scene, kl_u32 index, kl_bvh_stack *stack,
+                                  const kl_ray *ray, kl_hit *hit)
+{
+    const kl_u32 root = scene->bvh_roots[index];
+    const KL_GLOBAL float *m = scene->instances[index].object_from_render;
+    kl_vec3 origin = ray->origin;
+    kl_vec3 dir = ray->dir;
+    if (root == KL_NONE) return 0;
+    if (index != 0u) {
+        origin = kl_affine_point(m, origin);
+        dir = kl_affine_vector(m, dir);
+    }
+    if (!kl_bvh_tree_closest(scene, root, stack, origin, dir, ray->tmin, hit)) return 0;
+    hit->instance = index;
+    return 1;
+}
+
+KL_FN int kl_bvh_instance_any(const kl_scene_view *scene, kl_u32 index, kl_bvh_stack *stack,
+                              const kl_ray *ray)
+{
+    const kl_u32 root = scene->bvh_roots[index];
+    const KL_GLOBAL float *m = scene->instances[index].object_from_render;
+    kl_vec3 origin = ray->origin;
+    kl_vec3 dir = ray->dir;
+    if (root == KL_NONE) return 0;
+    if (index != 0u) {
+        origin = kl_affine_point(m, origin);
+        dir = kl_affine_vector(m, dir);
+    }
+    return kl_bvh_tree_any(scene, root, stack, origin, dir, ray->tmin, ray->tmax);
+}
+
+/* The tree of instances: the next instance whose box the ray may meet before `tmax`, KL_NONE at the
+ * end. The stack holds what is left. */
+KL_FN kl_u32 kl_bvh_next_instance(const kl_scene_view *scene, kl_bvh_stack *stack,
+                                  const kl_bvh_slabs *slabs, float tmax)
+{
+    while (stack->size > 0u) {
+        const kl_u32 current = stack->child[--stack->size];
+        const KL_GLOBAL kl_bvh_node *node = scene->bvh_nodes + current;
+        float tnear[KL_BVH_WIDTH];
+        if (stack->t[stack->size] > tmax) continue;
+        if ((current & KL_BVH_LEAF) != 0u) return current & ~KL_BVH_LEAF;
+        const kl_u32 mask = kl_bvh_boxes(node, slabs, tmax, tnear);
+        kl_bvh_push(stack, node, mask, tnear);
+    }
+    return KL_NONE;
+}
+
+KL_FN void kl_bvh_start_instances(const kl_scene_view *scene, kl_bvh_stack *stack, float tmin)
+{
+    const kl_u32 root = scene->bvh_roots[scene->instance_count];
+    stack->size = 0u;
+    if (root == KL_NONE) return;
+    stack->child[0] = root;
+    stack->t[0] = tmin;
+    stack->size = 1u;
+}
+
+/* As kl_trace_closest. */
+KL_FN int kl_bvh_closest(const kl_scene_view *scene, const kl_ray *ray, kl_hit *hit)
+{
+    kl_bvh_stack stack;
+    kl_hit best;
+    int found = 0;
+    best.t = ray->tmax;
+    best.u = best.v = 0.0f;
+    best.triangle = best.instance = KL_NONE;
+    stack.size = 0u;
+    if (!KL_NEEDS(scene, KL_NEED_INSTANCES)) {
+        found = kl_bvh_instance_closest(scene, 0u, &stack, ray, &best);
+    } else {
+        const kl_bvh_slabs slabs = kl_bvh_slabs_make(ray->origin, ray->dir, ray->tmin);
+        kl_u32 index;
+        kl_bvh_start_instances(scene, &stack, ray->tmin);
+        while ((index = kl_bvh_next_instance(scene, &stack, &slabs, best.t)) != KL_NONE) {
+            found |= kl_bvh_instance_closest(scene, index, &stack, ray, &best);
+        }
+    }
+    if (found) *hit = best;
+    return found;
+}
+
+/* As kl_trace_any. */
+KL_FN int kl_bvh_any(const kl_scene_view *scene, const kl_ray *ray)
+{
+    kl_bvh_stack stack;
+    stack.size = 0u;
+    if (!KL_NEEDS(scene, KL_NEED_INSTANCES)) {
+        return kl_bvh_instance_any(scene, 0u, &stack, ray);
+    }
+    const kl_bvh_slabs slabs = kl_bvh_slabs_make(ray->origin, ray->dir, ray->tmin);
+    kl_u32 index;
+    kl_bvh_start_instances(scene, &stack, ray->tmin);
+    while ((index = kl_bvh_next_instance(scene, &stack, &slabs, ray->tmax)) != KL_NONE) {
+        if (kl_bvh_instance_any(scene, index, &stack, ray)) return 1;
+    }
+    return 0;
+}
+
+#endif

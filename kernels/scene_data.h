@@ -73,7 +73,7 @@ typedef struct kl_material {
     float specular_color[3]; /* ditto, may exceed 1 */
     float ior;               /* dielectric; 1.5 is glTF's */
     kl_u32 flags;            /* KL_MAT_* */
-    kl_u32 pad[2];
+    kl_u32 pad[3];
     kl_texture_use tex[KL_TEX_SLOTS];
 } kl_material;
 KL_ASSERT_SIZE(kl_material, 272);
@@ -164,8 +164,8 @@ typedef struct kl_scene_view {
     const KL_GLOBAL float *env_rows;    /* height + 1: CDF over rows */
     const KL_GLOBAL float *env_columns; /* height x (width + 1): CDF in each row */
     kl_environment env;
-    const KL_GLOBAL float *bvh_nodes;  /* kernels/bvh.h; NULL on a host that traces with Embree */
-    const KL_GLOBAL kl_u32 *bvh_leaves;
+    const KL_GLOBAL struct kl_bvh_node *bvh_nodes; /* kernels/bvh.h; NULL: Embree traces */
+    const KL_GLOBAL struct kl_bvh_leaf *bvh_leaves;
     const KL_GLOBAL kl_u32 *bvh_roots; /* instance_count roots, then the top level's */
 #if !KL_DEVICE
     const void *tracer; /* struct kl_tracer of src/trace, read by kl_trace_* on the host */

@@ -3,6 +3,7 @@
 #include "kernels/trace.h"
 #include "src/base/memory.h"
 #include "src/trace/embree_error.h"
+#include "src/trace/ranges.h"
 
 #include <embree3/rtcore.h>
 #include <stdlib.h>
@@ -14,21 +15,6 @@ struct kl_tracer {
     const kl_instance *instances; /* borrowed */
     uint32_t instance_count;
 };
-
-/* Instances in the order of their triangle ranges, so that equal ranges are neighbours. */
-struct range {
-    uint32_t first, count, instance;
-};
-
-static int compare_ranges(const void *a, const void *b)
-{
-    const struct range *x = a;
-    const struct range *y = b;
-
-    if (x->first != y->first) return x->first < y->first ? -1 : 1;
-    if (x->count != y->count) return x->count < y->count ? -1 : 1;
-    return x->instance < y->instance ? -1 : x->instance > y->instance;
-}
 
 static void commit_scene(RTCScene scene)
 {
@@ -74,7 +60,7 @@ static kl_status attach_instance(struct kl_tracer *tracer, uint32_t index, RTCSc
 
 /* All instances of ranges[0 .. n): they share one triangle range. */
 static kl_status attach_shared(struct kl_tracer *tracer, const struct kl_flat *flat,
-                               const struct range *ranges, size_t n, struct kl_err *err)
+                               const struct kl_range *ranges, size_t n, struct kl_err *err)
 {
     RTCScene shared = rtcNewScene(tracer->device);
 
@@ -94,22 +80,13 @@ static kl_status attach_shared(struct kl_tracer *tracer, const struct kl_flat *f
 static kl_status attach_all_shared(struct kl_tracer *tracer, const struct kl_flat *flat,
                                    struct kl_err *err)
 {
-    struct range *ranges = NULL;
-    size_t used = 0;
-    kl_status st = kl_alloc_array(&ranges, flat->instance_count, sizeof *ranges, err);
+    struct kl_range *ranges = NULL;
+    size_t count = 0;
+    kl_status st = kl_ranges_sorted(flat, &ranges, &count, err);
 
     if (st != KL_OK) return st;
-    for (uint32_t i = 1; i < flat->instance_count; ++i) {
-        const kl_instance *instance = &flat->instances[i];
-        if (instance->triangle_count == 0) continue;
-        ranges[used++] = (struct range){instance->first_triangle, instance->triangle_count, i};
-    }
-    qsort(ranges, used, sizeof *ranges, compare_ranges);
-    for (size_t i = 0, end = 0; st == KL_OK && i < used; i = end) {
-        for (end = i + 1; end < used && ranges[end].first == ranges[i].first &&
-                          ranges[end].count == ranges[i].count;) {
-            ++end;
-        }
+    for (size_t i = 0, end = 0; st == KL_OK && i < count; i = end) {
+        end = kl_ranges_run_end(ranges, count, i);
         st = attach_shared(tracer, flat, ranges + i, end - i, err);
     }
     free(ranges);
