@@ -48,13 +48,14 @@ typedef struct kl_octree_header {
     kl_u32 record_count;
     kl_u32 salt;          /* of the cell hash, chosen so that no two cells look alike */
     float reach;          /* radii were enlarged by this factor when the cells were filled */
-    kl_u32 pad[6];
+    float accuracy;       /* radius over raw radius that the records' radii were made with */
+    kl_u32 pad[5];
 } kl_octree_header;
 KL_ASSERT_SIZE(kl_octree_header, 64);
 
 typedef struct kl_octree_slot {
     kl_u32 tag; /* 32 bits of the cell's hash, 0: empty */
-    kl_u32 row; /* start in rows: a count, then that many record numbers */
+    kl_u32 row; /* start in rows: a check word, a count, then that many record numbers */
 } kl_octree_slot;
 KL_ASSERT_SIZE(kl_octree_slot, 8);
 

@@ -7,6 +7,7 @@
 
 #define KL_OCTREE_MAX_LEVEL 19
 #define KL_BEHIND_TOLERANCE 0.1f /* of the radius: methods of Ward 1988, relative here */
+#define KL_SLAB             0.4f /* height above the record's plane, in radii: same surface */
 #define KL_MIN_EXTRAPOLATION 0.05f
 #define KL_MAX_EXTRAPOLATION 20.0f
 
@@ -31,8 +32,14 @@ KL_FN kl_u32 kl_cell_tag(kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z, kl_u32 salt
     h = kl_hash(h ^ ((kl_u32)z * 0x85ebca77u) ^ (level << 27));
     return h ? h : 1u;
 }
+/* 32 more bits: the first word of the cell's row. */
+KL_FN kl_u32 kl_cell_check(kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z)
+{
+    return kl_hash((kl_u32)x * 0xc2b2ae3du + kl_hash((kl_u32)y * 0x27d4eb2fu +
+                                                     kl_hash((kl_u32)z + (level << 27))));
+}
 
-/* Row of a cell, or KL_NONE. */
+/* Row of a cell (its count and records), or KL_NONE. */
 KL_FN kl_u32 kl_octree_find(const kl_level_view *c, kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z)
 {
     const kl_u32 mask = c->head.slot_count - 1u;
@@ -40,7 +47,9 @@ KL_FN kl_u32 kl_octree_find(const kl_level_view *c, kl_u32 level, kl_i32 x, kl_i
     kl_u32 i = tag & mask;
     for (kl_u32 n = 0; n <= mask; ++n) {
         const kl_u32 here = c->slots[i].tag;
-        if (here == tag) return c->slots[i].row;
+        if (here == tag && c->rows[c->slots[i].row] == kl_cell_check(level, x, y, z)) {
+            return c->slots[i].row + 1u;
+        }
         if (here == 0u) return KL_NONE;
         i = (i + 1u) & mask;
     }
@@ -60,6 +69,7 @@ KL_FN float kl_record_weight(const KL_GLOBAL kl_record_hot *r, kl_vec3 p, kl_vec
     const float cosine = kl_dot(n, ni);
     if (!(cosine > q->cos_max)) return 0.0f;
     const float r1 = q->reach * r->radius;
+    if (kl_fabs(kl_dot(d, ni)) > KL_SLAB * r1) return 0.0f;
     if (0.5f * (kl_dot(d, n) + kl_dot(d, ni)) < -KL_BEHIND_TOLERANCE * r1) return 0.0f;
     float t2 = d2 / (r1 * r1);
     if (r->radius2 > r->radius) {

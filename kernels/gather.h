@@ -8,6 +8,8 @@
 
 #define KL_GATHER_DEPTH 64 /* bounces at most; roulette ends nearly all paths long before */
 
+#define KL_SAME_SIDE 0.9f /* cosine: surfaces that may share records */
+
 /* A point for which irradiance is wanted. */
 typedef struct kl_gather_point {
     float pos[3];     /* [m], render space, on the surface */
@@ -30,7 +32,8 @@ KL_ASSERT_SIZE(kl_direction, 16);
 /* What one ray found. */
 typedef struct kl_gather_cell {
     float radiance[3]; /* [W m^-2 sr^-1], >= 0, finite */
-    float distance;    /* [m]; KL_INF: nothing there; negative: back of a surface (magnitude) */
+    float distance;    /* [m]; KL_INF: nothing there; negative: the magnitude, and the surface that
+                        * was hit faces the way the record does (the same floor, curved) */
 } kl_gather_cell;
 KL_ASSERT_SIZE(kl_gather_cell, 16);
 
@@ -58,9 +61,10 @@ KL_FN kl_vec3 kl_direct_lambert(const kl_scene_view *s, const kl_surface *surf, 
 
 /* Radiance that comes back along `ray`, without what emitters send directly: their light belongs to
  * the direct light of the ray's origin. Ends in the records of level 1 where these serve, else goes
- * on as a path, so that all bounces are counted. */
+ * on as a path, so that all bounces are counted. `axis`: normal at the ray's origin. */
 KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *level1,
-                                   const kl_gather_settings *set, kl_ray ray, kl_sampler sampler)
+                                   const kl_gather_settings *set, kl_vec3 axis, kl_ray ray,
+                                   kl_sampler sampler)
 {
     kl_gather_cell out;
     kl_vec3 sum = kl_v3_splat(0.0f);
@@ -72,7 +76,7 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         const kl_u32 seed = kl_hash2(sampler.seed, sampler.index * 64u + (kl_u32)bounce);
         if (!kl_intersect(s, &ray, seed, &hit)) break;
         kl_surface_at(s, &ray, &hit, &surf);
-        if (bounce == 0) out.distance = hit.t;
+        if (bounce == 0) out.distance = kl_dot(surf.smooth, axis) > KL_SAME_SIDE ? -hit.t : hit.t;
         const kl_vec3 albedo = kl_gather_albedo(s, &surf, kl_v3_scale(ray.dir, -1.0f));
         beta = kl_v3_mul(beta, albedo);
         if (kl_is_black(beta)) break;
@@ -124,7 +128,7 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
         return none;
     }
     const kl_vec3 origin = kl_offset_point(kl_v3_load(point->pos), ng);
-    return kl_gather_ray(s, level1, set, kl_ray_make(origin, dir, KL_INF),
+    return kl_gather_ray(s, level1, set, n, kl_ray_make(origin, dir, KL_INF),
                          kl_sampler_make(direction->index, point->seed));
 }
 

@@ -13,7 +13,7 @@ struct kl_flat {
     float center[3];       /* [m] render space: bounding sphere of all geometry */
     float radius;          /* [m] > 0 */
     uint32_t vertex_count, triangle_count, instance_count, material_count;
-    uint32_t texture_count, texel_count, light_count;
+    uint32_t texture_count, texel_count, light_count, light_node_count;
     kl_scene_view view;    /* points into the arrays below; tracer and bvh_* are filled by src/trace */
 
     float *positions, *normals, *tangents, *uvs, *colors;
@@ -24,7 +24,7 @@ struct kl_flat {
     kl_u32 *texels;
     float *srgb_table;
     kl_light *lights;
-    kl_alias *light_alias;
+    kl_light_node *light_nodes;
     float *env_texels, *env_rows, *env_columns;
 };
 

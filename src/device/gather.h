@@ -1,0 +1,46 @@
+/* Batches of irradiance gathers: points in, irradiance with gradients out. The arithmetic is
+ * kernels/gather.h and kernels/derivatives.h; this says who runs it. */
+#ifndef KL_SRC_DEVICE_GATHER_H
+#define KL_SRC_DEVICE_GATHER_H
+
+#include "kernels/derivatives.h"
+#include "src/base/status.h"
+
+#include <stdint.h>
+
+/* Tables that all gathers with side x side rays share. */
+struct kl_gather_tables {
+    uint32_t side, sets;
+    kl_direction *directions; /* sets x side^2 */
+    float *corners;           /* kl_grid_view */
+    float *turn;
+};
+
+/* `side`: a power of two in [4, 256]. *out is the caller's: kl_gather_tables_destroy. */
+kl_status kl_gather_tables_create(uint32_t side, struct kl_gather_tables **out,
+                                  struct kl_err *err) KL_MUST_CHECK;
+void kl_gather_tables_destroy(struct kl_gather_tables *tables); /* accepts NULL */
+kl_grid_view kl_gather_tables_grid(const struct kl_gather_tables *tables);
+
+/* Directions of a point: its seed chooses the set. */
+static inline const kl_direction *kl_gather_directions(const struct kl_gather_tables *tables,
+                                                       uint32_t seed)
+{
+    return tables->directions +
+           (size_t)(seed & (tables->sets - 1)) * tables->side * tables->side;
+}
+
+struct kl_gather_job {
+    const kl_scene_view *scene;
+    const kl_level_view *level1;     /* frozen records that rays may end in */
+    const struct kl_gather_tables *tables;
+    kl_gather_settings settings;     /* side and sets as in tables */
+    const kl_gather_point *points;
+    size_t count;
+    kl_gather_result *results;       /* count of them, written */
+};
+
+/* Run on the host with Embree, all OpenMP threads. Results do not depend on their number. */
+kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err) KL_MUST_CHECK;
+
+#endif

@@ -1,0 +1,106 @@
+#include "src/device/gather.h"
+
+#include "src/base/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+enum { DIRECTION_SETS = 16 };
+
+/* One net: point i goes to the cell it falls in. Every cell gets exactly one point, because a
+ * prefix of 4^k points of a (0,2)-sequence is a full net. */
+static void fill_directions(kl_direction *out, uint32_t side, uint32_t seed)
+{
+    for (uint32_t i = 0; i < side * side; ++i) {
+        const kl_vec2 u = kl_sobol_2d(i, seed);
+        const uint32_t x = (uint32_t)(u.x * (float)side);
+        const uint32_t y = (uint32_t)(u.y * (float)side);
+        const kl_vec2 p = kl_concentric_disc(u);
+        out[y * side + x] = (kl_direction){p.x, p.y, i, 0};
+    }
+}
+
+static void fill_corners(float *corners, uint32_t side)
+{
+    for (uint32_t y = 0; y <= side; ++y) {
+        for (uint32_t x = 0; x <= side; ++x) {
+            const kl_vec2 u = {(float)x / (float)side, (float)y / (float)side};
+            const kl_vec2 p = kl_concentric_disc(u);
+            corners[2 * (y * (side + 1) + x)] = p.x;
+            corners[2 * (y * (side + 1) + x) + 1] = p.y;
+        }
+    }
+}
+
+/* Integral over a cell of tan(theta) t dA with t = (-p_y, p_x) / |p|, that is of (-p_y, p_x) /
+ * sqrt(1 - |p|^2): a table, because each sample's own tangent has infinite variance at the rim. */
+static void fill_turn(float *turn, uint32_t side)
+{
+    for (uint32_t y = 0; y < side; ++y) {
+        for (uint32_t x = 0; x < side; ++x) {
+            const int rim = x == 0 || y == 0 || x == side - 1 || y == side - 1;
+            const uint32_t steps = rim ? 64 : 8;
+            double sum_x = 0.0;
+            double sum_y = 0.0;
+            for (uint32_t k = 0; k < steps * steps; ++k) {
+                const double sub = 1.0 / steps;
+                const kl_vec2 u = {(float)((x + (k % steps + 0.5) * sub) / side),
+                                   (float)((y + (k / steps + 0.5) * sub) / side)};
+                const kl_vec2 p = kl_concentric_disc(u);
+                const double r2 = (double)p.x * (double)p.x + (double)p.y * (double)p.y;
+                const double inverse = 1.0 / sqrt(fmax(1e-9, 1.0 - r2));
+                sum_x -= (double)p.y * inverse;
+                sum_y += (double)p.x * inverse;
+            }
+            const double area = 3.14159265358979323846 / ((double)side * side * steps * steps);
+            turn[2 * (y * side + x)] = (float)(sum_x * area);
+            turn[2 * (y * side + x) + 1] = (float)(sum_y * area);
+        }
+    }
+}
+
+kl_status kl_gather_tables_create(uint32_t side, struct kl_gather_tables **out, struct kl_err *err)
+{
+    struct kl_gather_tables *t = NULL;
+    const size_t cells = (size_t)side * side;
+    kl_status st = KL_OK;
+
+    if (side < 4 || side > 256 || (side & (side - 1)) != 0) {
+        return kl_fail(err, KL_ERR_USAGE, "%u gather rays a side, expected a power of two in 4..256",
+                       side);
+    }
+    st = kl_alloc_array(&t, 1, sizeof *t, err);
+    if (st != KL_OK) return st;
+    t->side = side;
+    t->sets = DIRECTION_SETS;
+    st = kl_alloc_array(&t->directions, cells * t->sets, sizeof(kl_direction), err);
+    if (st == KL_OK) {
+        st = kl_alloc_array(&t->corners, 2 * (size_t)(side + 1) * (side + 1), sizeof(float), err);
+    }
+    if (st == KL_OK) st = kl_alloc_array(&t->turn, 2 * cells, sizeof(float), err);
+    if (st != KL_OK) {
+        kl_gather_tables_destroy(t);
+        return st;
+    }
+    for (uint32_t s = 0; s < t->sets; ++s) {
+        fill_directions(t->directions + cells * s, side, kl_hash(0x9d2c5680u + s));
+    }
+    fill_corners(t->corners, side);
+    fill_turn(t->turn, side);
+    *out = t;
+    return KL_OK;
+}
+
+void kl_gather_tables_destroy(struct kl_gather_tables *tables)
+{
+    if (tables == NULL) return;
+    free(tables->directions);
+    free(tables->corners);
+    free(tables->turn);
+    free(tables);
+}
+
+kl_grid_view kl_gather_tables_grid(const struct kl_gather_tables *tables)
+{
+    return (kl_grid_view){tables->side, tables->corners, tables->turn};
+}

@@ -1,0 +1,224 @@
+#include "src/scene/flat_impl.h"
+
+#include "src/base/memory.h"
+#include "src/scene/light_tree.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static void node_direction(const double m[16], float dir[3])
+{
+    const double x = -m[8];
+    const double y = -m[9];
+    const double z = -m[10];
+    const double l = sqrt(x * x + y * y + z * z);
+    const double s = l > 0.0 ? 1.0 / l : 0.0;
+    dir[0] = (float)(x * s);
+    dir[1] = (float)(y * s);
+    dir[2] = l > 0.0 ? (float)(z * s) : -1.0f;
+}
+
+static kl_light punctual_light(const struct kl_scene_light *in, const double m[16],
+                               const double origin[3])
+{
+    kl_light out = {.type = in->type, .triangle = KL_NONE, .leaf = KL_NONE};
+    for (int k = 0; k < 3; ++k) {
+        out.color[k] = (float)(in->color[k] * in->intensity);
+        out.pos[k] = (float)(m[12 + k] - origin[k]);
+    }
+    node_direction(m, out.dir);
+    out.range = (float)in->range;
+    const double inner = cos(in->inner_cone);
+    const double outer = cos(in->outer_cone);
+    out.cone_cos = (float)outer;
+    out.cone_scale = (float)(1.0 / fmax(1e-4, inner - outer));
+    return out;
+}
+
+/* Mean of a material's emissive texture: what choosing lights goes by. */
+static kl_vec3 mean_emission(const struct kl_flat *flat, const kl_material *m)
+{
+    const kl_vec3 factor = kl_v3_load(m->emission);
+    const uint32_t number = m->tex[KL_TEX_EMISSIVE].texture;
+    double sum[3] = {0.0, 0.0, 0.0};
+    if (number == KL_NONE) return factor;
+    const kl_texture *t = &flat->textures[number];
+    const size_t count = (size_t)t->width * t->height;
+    for (size_t i = 0; i < count; ++i) {
+        const uint32_t c = flat->texels[t->first_texel + i];
+        for (int k = 0; k < 3; ++k) {
+            sum[k] += (double)flat->srgb_table[(c >> (8 * k)) & 255u];
+        }
+    }
+    const double scale = count > 0 ? 1.0 / (double)count : 0.0;
+    return kl_v3_mul(factor, kl_v3((float)(sum[0] * scale), (float)(sum[1] * scale),
+                                   (float)(sum[2] * scale)));
+}
+
+static kl_light triangle_light(const struct kl_flat *flat, uint32_t triangle, kl_vec3 color)
+{
+    const kl_triangle *t = &flat->triangles[triangle];
+    const kl_material *m = &flat->materials[t->material];
+    const float *a = flat->positions + 3 * (size_t)t->v[0];
+    const float *b = flat->positions + 3 * (size_t)t->v[1];
+    const float *c = flat->positions + 3 * (size_t)t->v[2];
+    kl_light out = {.type = KL_LIGHT_TRIANGLE, .triangle = triangle};
+    double e1[3];
+    double e2[3];
+    for (int k = 0; k < 3; ++k) {
+        e1[k] = (double)b[k] - (double)a[k];
+        e2[k] = (double)c[k] - (double)a[k];
+        out.pos[k] = a[k];
+        out.edge1[k] = (float)e1[k];
+        out.edge2[k] = (float)e2[k];
+    }
+    const double x = e1[1] * e2[2] - e1[2] * e2[1];
+    const double y = e1[2] * e2[0] - e1[0] * e2[2];
+    const double z = e1[0] * e2[1] - e1[1] * e2[0];
+    out.area = (float)(0.5 * sqrt(x * x + y * y + z * z));
+    out.color[0] = color.x;
+    out.color[1] = color.y;
+    out.color[2] = color.z;
+    out.two_sided = (m->flags & KL_MAT_DOUBLE_SIDED) != 0;
+    out.textured = m->tex[KL_TEX_EMISSIVE].texture != KL_NONE;
+    return out;
+}
+
+struct light_list {
+    kl_light *items;
+    size_t count, capacity;
+};
+
+static kl_status push_light(struct light_list *list, const kl_light *light, struct kl_err *err)
+{
+    kl_status st =
+        kl_grow_array(&list->items, &list->capacity, list->count + 1, sizeof *list->items, err);
+    if (st == KL_OK) list->items[list->count++] = *light;
+    return st;
+}
+
+/* Punctual lights of visible nodes; `far`: the directional ones or the others. */
+static kl_status add_punctual(const struct kl_scene *scene, const struct kl_pose *pose,
+                              const struct kl_flat *flat, bool far, struct light_list *list,
+                              struct kl_err *err)
+{
+    for (uint32_t i = 0; i < scene->light_count; ++i) {
+        const struct kl_scene_light *in = &scene->lights[i];
+        if ((in->type == KL_LIGHT_DIRECTIONAL) != far || !scene->nodes[in->node].visible) continue;
+        const kl_light light =
+            punctual_light(in, pose->world_from_node + 16 * (size_t)in->node, flat->origin);
+        if (!(kl_light_power(&light) > 0.0f)) continue;
+        kl_status st = push_light(list, &light, err);
+        if (st != KL_OK) return st;
+    }
+    return KL_OK;
+}
+
+static kl_status add_triangles(struct kl_flat *flat, struct light_list *list, struct kl_err *err)
+{
+    kl_vec3 *means = NULL;
+    kl_status st = kl_alloc_array(&means, flat->material_count, sizeof *means, err);
+    if (st != KL_OK) return st;
+    for (uint32_t i = 0; i < flat->material_count; ++i) {
+        means[i] = (flat->materials[i].flags & KL_MAT_UNLIT) ? kl_v3_splat(0.0f)
+                                                              : mean_emission(flat, &flat->materials[i]);
+    }
+    for (uint32_t t = 0; st == KL_OK && t < flat->instances[0].triangle_count; ++t) {
+        const kl_vec3 color = means[flat->triangles[t].material];
+        if (kl_is_black(color)) continue;
+        const kl_light light = triangle_light(flat, t, color);
+        if (!(kl_light_power(&light) > 0.0f) || !isfinite(kl_light_power(&light))) continue;
+        flat->triangles[t].light = (uint32_t)list->count;
+        st = push_light(list, &light, err);
+    }
+    free(means);
+    return st;
+}
+
+/* Cumulative sums over columns and rows, weighted by solid angle. A black map samples uniformly. */
+static void fill_cdfs(struct kl_flat *flat)
+{
+    const size_t w = flat->view.env.width;
+    const size_t h = flat->view.env.height;
+    double total = 0.0;
+    for (size_t y = 0; y < h; ++y) {
+        float *row = flat->env_columns + y * (w + 1);
+        const double sine = sin(3.14159265358979323846 * ((double)y + 0.5) / (double)h);
+        double sum = 0.0;
+        for (size_t x = 0; x < w; ++x) {
+            const float *t = flat->env_texels + 3 * (y * w + x);
+            sum += (double)(t[0] + t[1] + t[2]);
+        }
+        double run = 0.0;
+        for (size_t x = 0; x < w; ++x) {
+            const float *t = flat->env_texels + 3 * (y * w + x);
+            row[x] = (float)(sum > 0.0 ? run / sum : (double)x / (double)w);
+            run += (double)(t[0] + t[1] + t[2]);
+        }
+        row[w] = 1.0f;
+        flat->env_rows[y] = (float)total;
+        total += sum * sine;
+    }
+    for (size_t y = 0; y < h; ++y) {
+        flat->env_rows[y] =
+            total > 0.0 ? (float)((double)flat->env_rows[y] / total) : (float)y / (float)h;
+    }
+    flat->env_rows[h] = 1.0f;
+}
+
+static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *flat,
+                                 struct light_list *list, struct kl_err *err)
+{
+    const struct kl_scene_environment *env = &scene->environment;
+    const size_t texels = (size_t)env->width * env->height;
+    const kl_light light = {.type = KL_LIGHT_ENVIRONMENT,
+                            .triangle = KL_NONE,
+                            .leaf = KL_NONE,
+                            .color = {1.0f, 1.0f, 1.0f}};
+    if (texels == 0) return KL_OK;
+    kl_status st = kl_alloc_array(&flat->env_texels, 3 * texels, sizeof(float), err);
+    if (st == KL_OK) {
+        st = kl_alloc_array(&flat->env_rows, (size_t)env->height + 1, sizeof(float), err);
+    }
+    if (st == KL_OK) {
+        st = kl_alloc_array(&flat->env_columns, ((size_t)env->width + 1) * env->height,
+                            sizeof(float), err);
+    }
+    if (st != KL_OK) return st;
+    memcpy(flat->env_texels, env->rgb, 3 * texels * sizeof(float));
+    flat->view.env = (kl_environment){env->width, env->height, (uint32_t)list->count, 1.0f};
+    flat->view.needs |= KL_NEED_ENVIRONMENT;
+    fill_cdfs(flat);
+    return push_light(list, &light, err);
+}
+
+kl_status kl_flat_add_lights(const struct kl_scene *scene, const struct kl_pose *pose,
+                             struct kl_flat *flat, struct kl_err *err)
+{
+    struct light_list list = {0};
+    size_t near_first = 0;
+    kl_status st = add_punctual(scene, pose, flat, true, &list, err);
+
+    if (st == KL_OK) st = add_environment(scene, flat, &list, err);
+    const size_t far_count = list.count;
+    if (st == KL_OK) st = add_punctual(scene, pose, flat, false, &list, err);
+    near_first = list.count;
+    if (st == KL_OK) st = add_triangles(flat, &list, err);
+    if (st == KL_OK) {
+        st = kl_light_tree_build(list.items, (uint32_t)far_count, (uint32_t)list.count,
+                                 &flat->light_nodes, &flat->light_node_count, err);
+    }
+    if (st != KL_OK) {
+        free(list.items);
+        return st;
+    }
+    flat->lights = list.items;
+    flat->light_count = (uint32_t)list.count;
+    flat->view.light_count = flat->light_count;
+    flat->view.far_count = (uint32_t)far_count;
+    flat->view.far_probability = far_count == 0 ? 0.0f : (far_count == list.count ? 1.0f : 0.5f);
+    if (near_first > 0) flat->view.needs |= KL_NEED_PUNCTUAL;
+    if (list.count > near_first) flat->view.needs |= KL_NEED_EMITTERS;
+    return KL_OK;
+}
