@@ -1,0 +1,285 @@
+#include "src/cache/cache.h"
+
+#include "src/base/memory.h"
+#include "src/cache/falloff.h"
+#include "src/cache/octree.h"
+#include "src/cache/record.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct level {
+    struct kl_cache_part part;  /* what is served: adopted arrays or the owned ones below */
+    bool owned, sorted;
+    kl_record_hot *hot;
+    kl_record_cold *cold;
+    size_t hot_capacity, cold_capacity;
+    struct kl_octree octree;
+    struct kl_falloff *falloff; /* of raw radii */
+};
+
+struct kl_cache {
+    struct kl_cache_settings settings;
+    struct kl_octree_root root;
+    struct level levels[KL_CACHE_LEVELS];
+};
+
+kl_status kl_cache_create(const struct kl_cache_settings *settings, struct kl_cache **out,
+                          struct kl_err *err)
+{
+    struct kl_cache *c = NULL;
+    kl_status st = kl_alloc_array(&c, 1, sizeof *c, err);
+    if (st != KL_OK) return st;
+    c->settings = *settings;
+    c->root = kl_octree_root_make(settings->center, settings->scene_radius);
+    *out = c;
+    return KL_OK;
+}
+
+static void level_fini(struct level *l)
+{
+    free(l->hot);
+    free(l->cold);
+    kl_octree_fini(&l->octree);
+    kl_falloff_destroy(l->falloff);
+    *l = (struct level){0};
+}
+
+void kl_cache_destroy(struct kl_cache *cache)
+{
+    if (cache == NULL) return;
+    for (int i = 0; i < KL_CACHE_LEVELS; ++i) {
+        level_fini(&cache->levels[i]);
+    }
+    free(cache);
+}
+
+static kl_status make_falloff(struct level *l, struct kl_err *err)
+{
+    struct kl_falloff_point *points = NULL;
+    const uint32_t n = l->part.record_count;
+    kl_status st = kl_alloc_array(&points, n, sizeof *points, err);
+    if (st != KL_OK) return st;
+    for (uint32_t i = 0; i < n; ++i) {
+        memcpy(points[i].pos, l->part.hot[i].pos, sizeof points[i].pos);
+        points[i].value = l->part.cold[i].raw_radius;
+    }
+    kl_falloff_destroy(l->falloff);
+    l->falloff = NULL;
+    st = kl_falloff_create(points, n, &l->falloff, err);
+    free(points);
+    return st;
+}
+
+static void serve_owned(struct level *l, uint32_t count)
+{
+    l->owned = true;
+    l->part = (struct kl_cache_part){.record_count = count,
+                                     .hot = l->hot,
+                                     .cold = l->cold,
+                                     .octree = l->octree.head,
+                                     .slots = l->octree.slots,
+                                     .rows = l->octree.rows};
+}
+
+/* Clamp all radii by their neighbours and rebuild the index of an owned level. */
+static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err *err)
+{
+    struct level *l = &c->levels[number];
+    const uint32_t n = l->part.record_count;
+    const float accuracy = c->settings.accuracy[number];
+    kl_status st = make_falloff(l, err);
+    if (st != KL_OK) return st;
+#pragma omp parallel for schedule(static, 256)
+    for (uint32_t i = 0; i < n; ++i) {
+        const float raw = kl_falloff_at(l->falloff, l->hot[i].pos, l->cold[i].raw_radius);
+        l->hot[i].radius =
+            kl_record_radius(&l->cold[i], raw, accuracy, c->settings.scene_radius);
+        l->hot[i].radius2 = l->hot[i].radius;
+    }
+    kl_octree_fini(&l->octree);
+    st = kl_octree_build(&c->root, l->hot, n, c->settings.reach, &l->octree, err);
+    l->octree.head.accuracy = accuracy;
+    serve_owned(l, n);
+    return st;
+}
+
+/* Copy adopted arrays so that they can grow. */
+static kl_status own_level(struct level *l, size_t room, struct kl_err *err)
+{
+    const size_t n = l->part.record_count;
+    kl_status st = kl_grow_array(&l->hot, &l->hot_capacity, n + room, sizeof *l->hot, err);
+    if (st == KL_OK) {
+        st = kl_grow_array(&l->cold, &l->cold_capacity, n + room, sizeof *l->cold, err);
+    }
+    if (st != KL_OK) return st;
+    if (!l->owned && n > 0) {
+        memcpy(l->hot, l->part.hot, n * sizeof *l->hot);
+        memcpy(l->cold, l->part.cold, n * sizeof *l->cold);
+    }
+    serve_owned(l, (uint32_t)n);
+    return KL_OK;
+}
+
+static bool octree_fits(const struct kl_cache *c, uint32_t level, const kl_octree_header *h,
+                        uint32_t count)
+{
+    return h->record_count == count && count > 0 && h->side == c->root.side &&
+           memcmp(h->root_min, c->root.min, sizeof h->root_min) == 0 &&
+           h->reach == c->settings.reach && h->accuracy == c->settings.accuracy[level];
+}
+
+kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_cache_part *part,
+                         struct kl_err *err)
+{
+    struct level *l = &cache->levels[level];
+    level_fini(l);
+    l->part = *part;
+    l->sorted = true;
+    if (part->record_count == 0) return KL_OK;
+    if (octree_fits(cache, level, &part->octree, part->record_count)) return KL_OK;
+    kl_status st = own_level(l, 0, err);
+    if (st == KL_OK) st = index_level(cache, level, err);
+    return st;
+}
+
+static int compare_ids(const void *a, const void *b)
+{
+    uint32_t x;
+    uint32_t y;
+    memcpy(&x, a, sizeof x);
+    memcpy(&y, b, sizeof y);
+    return x < y ? -1 : x > y;
+}
+
+kl_status kl_cache_insert(struct kl_cache *cache, uint32_t level, const kl_record_hot *hot,
+                          const kl_record_cold *cold, uint32_t count, struct kl_err *err)
+{
+    struct level *l = &cache->levels[level];
+    const uint32_t before = l->part.record_count;
+    uint32_t *ids = NULL;
+    kl_status st = own_level(l, count, err);
+
+    if (st == KL_OK) st = kl_alloc_array(&ids, before, sizeof *ids, err);
+    if (st != KL_OK) return st;
+    for (uint32_t i = 0; i < before; ++i) {
+        ids[i] = l->cold[i].id;
+    }
+    qsort(ids, before, sizeof *ids, compare_ids);
+    for (uint32_t i = 0; i < count; ++i) {
+        if (bsearch(&cold[i].id, ids, before, sizeof *ids, compare_ids) != NULL) continue;
+        l->hot[l->part.record_count] = hot[i];
+        l->cold[l->part.record_count++] = cold[i];
+    }
+    free(ids);
+    l->sorted = false;
+    return index_level(cache, level, err);
+}
+
+struct order {
+    uint64_t code; /* Z-curve position */
+    uint32_t id, number;
+};
+
+static uint64_t spread21(uint64_t x)
+{
+    x &= 0x1fffff;
+    x = (x | x << 32) & 0x1f00000000ffffull;
+    x = (x | x << 16) & 0x1f0000ff0000ffull;
+    x = (x | x << 8) & 0x100f00f00f00f00full;
+    x = (x | x << 4) & 0x10c30c30c30c30c3ull;
+    return (x | x << 2) & 0x1249249249249249ull;
+}
+
+static uint64_t z_code(const struct kl_octree_root *root, const float pos[3])
+{
+    uint64_t code = 0;
+    for (int k = 0; k < 3; ++k) {
+        const float q = (pos[k] - root->min[k]) / root->side * 2097152.0f;
+        code |= spread21((uint64_t)kl_clamp(q, 0.0f, 2097151.0f)) << k;
+    }
+    return code;
+}
+
+static int compare_order(const void *a, const void *b)
+{
+    const struct order *x = a;
+    const struct order *y = b;
+    if (x->code != y->code) return x->code < y->code ? -1 : 1;
+    return x->id < y->id ? -1 : x->id > y->id;
+}
+
+static kl_status sort_level(struct kl_cache *c, struct level *l, struct kl_err *err)
+{
+    const uint32_t n = l->part.record_count;
+    struct order *order = NULL;
+    kl_record_hot *hot = NULL;
+    kl_record_cold *cold = NULL;
+    kl_status st = kl_alloc_array(&order, n, sizeof *order, err);
+    if (st == KL_OK) st = kl_alloc_array(&hot, n, sizeof *hot, err);
+    if (st == KL_OK) st = kl_alloc_array(&cold, n, sizeof *cold, err);
+    if (st != KL_OK) goto cleanup;
+    for (uint32_t i = 0; i < n; ++i) {
+        order[i] = (struct order){z_code(&c->root, l->hot[i].pos), l->cold[i].id, i};
+    }
+    qsort(order, n, sizeof *order, compare_order);
+    for (uint32_t i = 0; i < n; ++i) {
+        hot[i] = l->hot[order[i].number];
+        cold[i] = l->cold[order[i].number];
+    }
+    free(l->hot);
+    free(l->cold);
+    l->hot = hot;
+    l->cold = cold;
+    l->hot_capacity = n;
+    l->cold_capacity = n;
+    hot = NULL;
+    cold = NULL;
+    serve_owned(l, n);
+
+cleanup:
+    free(order);
+    free(hot);
+    free(cold);
+    return st;
+}
+
+kl_status kl_cache_finish(struct kl_cache *cache, struct kl_err *err)
+{
+    for (uint32_t i = 0; i < KL_CACHE_LEVELS; ++i) {
+        struct level *l = &cache->levels[i];
+        if (l->sorted || l->part.record_count == 0) continue;
+        kl_status st = sort_level(cache, l, err);
+        if (st == KL_OK) st = index_level(cache, i, err);
+        if (st != KL_OK) return st;
+        l->sorted = true;
+    }
+    return KL_OK;
+}
+
+kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level)
+{
+    const struct kl_cache_part *p = &cache->levels[level].part;
+    return (kl_level_view){p->octree, p->hot, p->cold, p->slots, p->rows};
+}
+
+struct kl_cache_part kl_cache_part_get(const struct kl_cache *cache, uint32_t level)
+{
+    return cache->levels[level].part;
+}
+
+uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level)
+{
+    return cache->levels[level].part.record_count;
+}
+
+float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, const float pos[3],
+                              float otherwise)
+{
+    const struct level *l = &cache->levels[level];
+    if (l->falloff == NULL) return otherwise;
+    const float accuracy = cache->settings.accuracy[level];
+    const float raw = kl_falloff_at(l->falloff, pos, otherwise / accuracy);
+    return raw * accuracy;
+}

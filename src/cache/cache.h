@@ -1,0 +1,64 @@
+/* The irradiance cache in memory: per bounce level a set of records and their octree, taken from
+ * a store or grown by batches. Reading and growing are separate: a view stays as it is until the
+ * next kl_cache_insert, _finish or _load. */
+#ifndef KL_SRC_CACHE_CACHE_H
+#define KL_SRC_CACHE_CACHE_H
+
+#include "kernels/cache_query.h"
+#include "src/base/status.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct kl_cache;
+
+struct kl_cache_settings {
+    float center[3];      /* bounding sphere of the scene, render space [m] */
+    float scene_radius;
+    float accuracy[KL_CACHE_LEVELS]; /* radius over neighbour-clamped raw radius */
+    float reach;          /* largest factor that queries enlarge radii by */
+    float cos_max;        /* cosine of the largest angle between normals */
+};
+
+/* Records of one level, borrowed arrays. octree.record_count 0: not indexed. */
+struct kl_cache_part {
+    uint32_t record_count;
+    const kl_record_hot *hot;
+    const kl_record_cold *cold;
+    kl_octree_header octree;
+    const kl_octree_slot *slots;
+    const kl_u32 *rows;
+};
+
+kl_status kl_cache_create(const struct kl_cache_settings *settings, struct kl_cache **out,
+                          struct kl_err *err) KL_MUST_CHECK;
+void kl_cache_destroy(struct kl_cache *cache); /* accepts NULL */
+
+/* Make the cache serve these arrays in place (mapped from a store): nothing is copied as long as
+ * nothing is inserted. They must stay until the cache is destroyed or grown. Where the octree was
+ * built for other settings, records are copied and indexed anew. */
+kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_cache_part *part,
+                         struct kl_err *err) KL_MUST_CHECK;
+
+/* Add a batch. Duplicates (same id) are left out. Radii of all records are clamped anew, the octree
+ * is rebuilt. The result does not depend on how records were split into batches or ordered within
+ * them, once kl_cache_finish has sorted them. */
+kl_status kl_cache_insert(struct kl_cache *cache, uint32_t level, const kl_record_hot *hot,
+                          const kl_record_cold *cold, uint32_t count,
+                          struct kl_err *err) KL_MUST_CHECK;
+
+/* Sort the records along the Z-curve and index them: the form that goes to disk. No-op on levels
+ * that have not grown since they were adopted or finished. */
+kl_status kl_cache_finish(struct kl_cache *cache, struct kl_err *err) KL_MUST_CHECK;
+
+/* What queries read. Borrowed until the cache changes. */
+kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level);
+struct kl_cache_part kl_cache_part_get(const struct kl_cache *cache, uint32_t level);
+uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level);
+
+/* Radius [m] that a record at pos would get at most, judged by its neighbours; `otherwise` where
+ * there are none. */
+float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, const float pos[3],
+                              float otherwise);
+
+#endif
