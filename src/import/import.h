@@ -20,6 +20,12 @@ typedef void (*kl_warn_fn)(void *context, const char *line);
 kl_status kl_import_gltf(const char *path, kl_warn_fn warn, void *warn_context,
                          struct kl_scene **out, struct kl_err *err) KL_MUST_CHECK;
 
+/* The same from bytes in memory; `name` stands for the path in messages. The scene must be in one
+ * piece: a reference to another file is refused. */
+kl_status kl_import_gltf_memory(const void *bytes, size_t size, const char *name, kl_warn_fn warn,
+                                void *warn_context, struct kl_scene **out,
+                                struct kl_err *err) KL_MUST_CHECK;
+
 /* Read a lat-long OpenEXR image (scan lines or tiles, any compression, half or float, RGB(A),
  * luminance Y, or Y/RY/BY) and make it the scene's environment. NaN, Inf and negative texels are
  * set to 0 and reported by one warning with their count. The scene is unchanged on failure. */

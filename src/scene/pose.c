@@ -1,0 +1,233 @@
+/* Animation sampling: glTF 2.0 section 3.11 and appendix C. */
+#include "src/scene/scene.h"
+
+#include "src/base/memory.h"
+#include "src/scene/matrix4.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The local transform of a node while channels are applied to it. */
+struct local_transform {
+    double translation[3], rotation[4], scale[3];
+};
+
+/* The span that holds `time`: keys `first` and `first + 1`, at 0 <= fraction < 1 between them. At
+ * and beyond the ends both are the end key. */
+struct key_span {
+    uint32_t first, second;
+    double fraction;
+    double length; /* [s] */
+};
+
+static struct key_span find_span(const struct kl_channel *channel, double time)
+{
+    const uint32_t last = channel->key_count - 1;
+    struct key_span span = {0, 0, 0.0, 0.0};
+    uint32_t low = 0;
+    uint32_t high = last;
+
+    if (!(time > (double)channel->times[0])) return span;
+    if (time >= (double)channel->times[last]) {
+        span.first = span.second = last;
+        return span;
+    }
+    while (high - low > 1) { /* times[low] <= time < times[high] */
+        const uint32_t middle = low + (high - low) / 2;
+        if (time >= (double)channel->times[middle]) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    span.first = low;
+    span.second = high;
+    span.length = (double)channel->times[high] - (double)channel->times[low];
+    span.fraction = (time - (double)channel->times[low]) / span.length;
+    return span;
+}
+
+/* Appendix C.4: the shorter way round; nearly equal rotations are mixed, as the sine vanishes. */
+static void slerp(const float *a, const float *b, double t, double out[4])
+{
+    double cosine = 0.0;
+    double weight_a = 1.0 - t;
+    double weight_b = t;
+
+    for (int i = 0; i < 4; ++i) {
+        cosine += (double)a[i] * (double)b[i];
+    }
+    const double sign = cosine < 0.0 ? -1.0 : 1.0;
+    cosine = fabs(cosine);
+    if (cosine < 0.99999) {
+        const double angle = acos(cosine);
+        const double sine = sin(angle);
+        weight_a = sin((1.0 - t) * angle) / sine;
+        weight_b = sin(t * angle) / sine;
+    }
+    for (int i = 0; i < 4; ++i) {
+        out[i] = weight_a * (double)a[i] + sign * weight_b * (double)b[i];
+    }
+}
+
+/* Appendix C.5: cubic Hermite spline; the tangents are per second. */
+static void hermite(const struct kl_channel *channel, const struct key_span *span, double *out)
+{
+    const size_t width = channel->width;
+    const float *from = channel->values + (size_t)span->first * 3 * width;
+    const float *to = channel->values + (size_t)span->second * 3 * width;
+    const double t = span->fraction;
+    const double t2 = t * t;
+    const double t3 = t2 * t;
+
+    for (size_t i = 0; i < width; ++i) {
+        const double value_0 = (double)from[width + i];
+        const double out_tangent = (double)from[2 * width + i] * span->length;
+        const double in_tangent = (double)to[i] * span->length;
+        const double value_1 = (double)to[width + i];
+        out[i] = (2.0 * t3 - 3.0 * t2 + 1.0) * value_0 + (t3 - 2.0 * t2 + t) * out_tangent +
+                 (-2.0 * t3 + 3.0 * t2) * value_1 + (t3 - t2) * in_tangent;
+    }
+}
+
+static void normalize_quaternion(double q[4])
+{
+    const double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+
+    if (!(length > 0.0) || !isfinite(length)) {
+        q[0] = q[1] = q[2] = 0.0;
+        q[3] = 1.0;
+        return;
+    }
+    for (int i = 0; i < 4; ++i) {
+        q[i] /= length;
+    }
+}
+
+/* `out` has room for channel->width numbers. */
+static void sample_channel(const struct kl_channel *channel, double time, double *out)
+{
+    const struct key_span span = find_span(channel, time);
+    const size_t width = channel->width;
+    const float *a = channel->values + (size_t)span.first * width;
+    const float *b = channel->values + (size_t)span.second * width;
+
+    if (channel->interpolation == KL_CUBIC_SPLINE) {
+        hermite(channel, &span, out);
+    } else if (channel->interpolation == KL_STEP) {
+        for (size_t i = 0; i < width; ++i) {
+            out[i] = (double)a[i];
+        }
+    } else if (channel->path == KL_ROTATION) {
+        slerp(a, b, span.fraction, out);
+    } else {
+        for (size_t i = 0; i < width; ++i) {
+            out[i] = (1.0 - span.fraction) * (double)a[i] + span.fraction * (double)b[i];
+        }
+    }
+    if (channel->path == KL_ROTATION) normalize_quaternion(out);
+}
+
+static void apply_animation(const struct kl_animation *animation, double time,
+                            struct local_transform *local, struct kl_pose *pose)
+{
+
+    for (uint32_t c = 0; c < animation->channel_count; ++c) {
+        const struct kl_channel *channel = &animation->channels[c];
+        struct local_transform *target = &local[channel->node];
+        switch (channel->path) {
+        case KL_TRANSLATION:
+            sample_channel(channel, time, target->translation);
+            break;
+        case KL_ROTATION:
+            sample_channel(channel, time, target->rotation);
+            break;
+        case KL_SCALE:
+            sample_channel(channel, time, target->scale);
+            break;
+        case KL_WEIGHTS:
+            sample_channel(channel, time, pose->weights[channel->node]);
+            break;
+        }
+    }
+}
+
+static kl_status init_pose(const struct kl_scene *scene, struct kl_pose *pose,
+                           struct local_transform *local, struct kl_err *err)
+{
+    kl_status st =
+        kl_alloc_array(&pose->world_from_node, scene->node_count, 16 * sizeof(double), err);
+    if (st != KL_OK) return st;
+    st = kl_alloc_array(&pose->weights, scene->node_count, sizeof(double *), err);
+    if (st != KL_OK) return st;
+    pose->node_count = scene->node_count;
+    for (uint32_t n = 0; n < scene->node_count; ++n) {
+        const struct kl_node *node = &scene->nodes[n];
+        memcpy(local[n].translation, node->translation, sizeof node->translation);
+        memcpy(local[n].rotation, node->rotation, sizeof node->rotation);
+        memcpy(local[n].scale, node->scale, sizeof node->scale);
+        if (node->weight_count == 0) continue;
+        st = kl_alloc_array(&pose->weights[n], node->weight_count, sizeof(double), err);
+        if (st != KL_OK) return st;
+        memcpy(pose->weights[n], node->weights, node->weight_count * sizeof(double));
+    }
+    return KL_OK;
+}
+
+static void compose_world(const struct kl_scene *scene, const struct local_transform *local,
+                          struct kl_pose *pose)
+{
+    for (uint32_t n = 0; n < scene->node_count; ++n) {
+        const struct kl_node *node = &scene->nodes[n];
+        double *world = &pose->world_from_node[(size_t)n * 16];
+        double matrix[16];
+        if (node->has_matrix) {
+            memcpy(matrix, node->matrix, sizeof matrix);
+        } else {
+            kl_mat4_from_trs(local[n].translation, local[n].rotation, local[n].scale, matrix);
+        }
+        if (node->parent == KL_NONE) {
+            memcpy(world, matrix, sizeof matrix);
+        } else { /* parents come first */
+            kl_mat4_multiply(&pose->world_from_node[(size_t)node->parent * 16], matrix, world);
+        }
+    }
+}
+
+kl_status kl_pose_create(const struct kl_scene *scene, uint32_t animation, double time,
+                         struct kl_pose **out, struct kl_err *err)
+{
+    struct kl_pose *pose = NULL;
+    struct local_transform *local = NULL;
+
+    kl_status st = kl_alloc_array(&pose, 1, sizeof *pose, err);
+    if (st != KL_OK) goto cleanup;
+    st = kl_alloc_array(&local, scene->node_count, sizeof *local, err);
+    if (st != KL_OK) goto cleanup;
+    st = init_pose(scene, pose, local, err);
+    if (st != KL_OK) goto cleanup;
+    for (uint32_t a = 0; a < scene->animation_count; ++a) {
+        if (animation != KL_NONE && animation != a) continue;
+        apply_animation(&scene->animations[a], time, local, pose);
+    }
+    compose_world(scene, local, pose);
+    *out = pose;
+    pose = NULL;
+
+cleanup:
+    free(local);
+    kl_pose_destroy(pose);
+    return st;
+}
+
+void kl_pose_destroy(struct kl_pose *pose)
+{
+    if (pose == NULL) return;
+    for (uint32_t n = 0; n < pose->node_count; ++n) {
+        free(pose->weights[n]);
+    }
+    free(pose->weights);
+    free(pose->world_from_node);
+    free(pose);
+}
