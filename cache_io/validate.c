@@ -1,0 +1,109 @@
+#include "cache_io/format_impl.h"
+#include "src/base/memory.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+static bool half_is_finite(kl_u16 half)
+{
+    return (half & 0x7c00u) != 0x7c00u;
+}
+
+bool kl_record_is_valid(const kl_record_hot *hot, const kl_record_cold *cold)
+{
+    bool ok = true;
+
+    for (int i = 0; i < 3; ++i) {
+        ok = ok && isfinite(hot->pos[i]) && isfinite(cold->irr[i]) && cold->irr[i] >= 0.0f;
+    }
+    for (int i = 0; i < 6; ++i) {
+        ok = ok && half_is_finite(cold->grad_t[i]) && half_is_finite(cold->grad_r[i]);
+    }
+    ok = ok && isfinite(hot->radius2) && hot->radius > 0.0f && hot->radius <= hot->radius2;
+    ok = ok && isfinite(cold->raw_radius) && cold->raw_radius > 0.0f;
+    /* Halves that are finite and not negative. */
+    ok = ok && (cold->error_spacing & 0xffffu) < 0x7c00u && cold->error_spacing >> 16 < 0x7c00u;
+    ok = ok && hot->axis >> 16 < KL_CACHE_LEVELS;
+    return ok;
+}
+
+static bool is_power_of_two(kl_u32 x)
+{
+    return x != 0 && (x & (x - 1)) == 0;
+}
+
+static kl_status check_octree_header(const struct kl_store_level *level, struct kl_err *err)
+{
+    const kl_octree_header *head = &level->octree;
+    int exponent = 0;
+
+    for (int i = 0; i < 3; ++i) {
+        if (!isfinite(head->root_min[i])) {
+            return kl_fail(err, KL_ERR_CORRUPT, "octree: root corner is not finite");
+        }
+    }
+    if (!isfinite(head->side) || !(head->side > 0.0f) || frexpf(head->side, &exponent) != 0.5f) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: side %g is not a power of two",
+                       (double)head->side);
+    }
+    if (!isfinite(head->reach) || !(head->reach > 0.0f)) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: reach %g is not positive",
+                       (double)head->reach);
+    }
+    if (!is_power_of_two(head->slot_count)) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u slots are not a power of two",
+                       head->slot_count);
+    }
+    if (head->record_count != level->record_count) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u records, the level has %u",
+                       head->record_count, level->record_count);
+    }
+    return KL_OK;
+}
+
+/* runs[p] = how many items from p on are record numbers that exist. Rows may be shared or overlap,
+ * so each is judged by its start in constant time: no file can make this slow. */
+static void find_runs(const struct kl_store_level *level, kl_u32 *runs)
+{
+    kl_u32 run = 0;
+
+    for (kl_u32 p = level->octree.row_size; p-- > 0;) {
+        run = level->rows[p] < level->record_count ? run + 1 : 0;
+        runs[p] = run;
+    }
+}
+
+static kl_status check_octree(const struct kl_store_level *level, struct kl_err *err)
+{
+    const kl_u32 size = level->octree.row_size;
+    kl_u32 *runs = NULL;
+    kl_status st = check_octree_header(level, err);
+
+    if (st != KL_OK) return st;
+    st = kl_alloc_array(&runs, (size_t)size + 1, sizeof *runs, err); /* runs[size] is 0 */
+    if (st != KL_OK) return st;
+    find_runs(level, runs);
+    for (kl_u32 i = 0; i < level->octree.slot_count; ++i) {
+        const kl_octree_slot *slot = &level->slots[i];
+        if (slot->tag == 0) continue;
+        if (slot->row >= size || level->rows[slot->row] > runs[slot->row + 1]) {
+            st = kl_fail(err, KL_ERR_CORRUPT, "octree: slot %u: bad row at %u of %u", i, slot->row,
+                         size);
+            break;
+        }
+    }
+    free(runs);
+    return st;
+}
+
+kl_status level_validate(const struct kl_store_level *level, struct kl_err *err)
+{
+    for (uint32_t i = 0; i < level->record_count; ++i) {
+        if (!kl_record_is_valid(&level->hot[i], &level->cold[i])) {
+            return kl_fail(err, KL_ERR_CORRUPT, "record %u of %u is not sound", i,
+                           level->record_count);
+        }
+    }
+    if (level->octree.record_count == 0) return KL_OK;
+    return check_octree(level, err);
+}

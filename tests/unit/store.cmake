@@ -1,0 +1,1 @@
+kl_test(test_store SOURCES test_store.c LINK kl_cache_io)
