@@ -26,18 +26,17 @@ kl_grid_view kl_gather_tables_grid(const struct kl_gather_tables *tables);
 static inline const kl_direction *kl_gather_directions(const struct kl_gather_tables *tables,
                                                        uint32_t seed)
 {
-    return tables->directions +
-           (size_t)(seed & (tables->sets - 1)) * tables->side * tables->side;
+    return tables->directions + (size_t)(seed & (tables->sets - 1)) * tables->side * tables->side;
 }
 
 struct kl_gather_job {
     const kl_scene_view *scene;
-    const kl_level_view *level1;     /* frozen records that rays may end in */
+    const kl_level_view *level1; /* frozen records that rays may end in */
     const struct kl_gather_tables *tables;
-    kl_gather_settings settings;     /* side and sets as in tables */
+    kl_gather_settings settings; /* side and sets as in tables */
     const kl_gather_point *points;
     size_t count;
-    kl_gather_result *results;       /* count of them, written */
+    kl_gather_result *results; /* count of them, written */
 };
 
 /* Run on the host with Embree, all OpenMP threads. Results do not depend on their number. */

@@ -13,8 +13,8 @@ static void gather_one(const struct kl_gather_job *job, const kl_grid_view *grid
     const kl_direction *directions = kl_gather_directions(job->tables, point->seed);
     for (uint32_t order = 0; order < side * side; ++order) {
         const uint32_t cell = kl_cell_in_order(order, side);
-        cells[cell] = kl_gather_direction(job->scene, job->level1, &job->settings, point,
-                                          &directions[cell]);
+        cells[cell] =
+            kl_gather_direction(job->scene, job->level1, &job->settings, point, &directions[cell]);
     }
     kl_reduce_record(cells, directions, grid, point, &job->results[i]);
 }

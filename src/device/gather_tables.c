@@ -66,8 +66,8 @@ kl_status kl_gather_tables_create(uint32_t side, struct kl_gather_tables **out, 
     kl_status st = KL_OK;
 
     if (side < 4 || side > 256 || (side & (side - 1)) != 0) {
-        return kl_fail(err, KL_ERR_USAGE, "%u gather rays a side, expected a power of two in 4..256",
-                       side);
+        return kl_fail(err, KL_ERR_USAGE,
+                       "%u gather rays a side, expected a power of two in 4..256", side);
     }
     st = kl_alloc_array(&t, 1, sizeof *t, err);
     if (st != KL_OK) return st;
