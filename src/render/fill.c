@@ -1,0 +1,245 @@
+#include "src/render/fill.h"
+
+#include "src/base/clock.h"
+#include "src/base/memory.h"
+#include "src/cache/record.h"
+#include "src/cache/thin.h"
+#include "src/render/fill_points.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const float alike = 0.98f;      /* cosine: candidates exclude each other */
+static const float exclusion = 0.5f;   /* of the predicted radius */
+static const float unknown_px = 12.0f; /* predicted radius where nothing is known yet */
+enum { MAX_PASSES = 64, MAX_ROUNDS = 8, FIRST_BATCH = 512 };
+
+/* Sum of weights at a point, without enlarged radii. */
+static float coverage(const struct kl_fill_job *job, const kl_level_view *view,
+                      const struct kl_point *p)
+{
+    return kl_cache_query(view, &job->query, p->pos, p->smooth, p->smooth).weight;
+}
+
+/* Keep the points that are not served well enough, in order. */
+static size_t keep_uncovered(const struct kl_fill_job *job, uint32_t level,
+                             struct kl_point *points, size_t count, struct kl_err *err)
+{
+    const kl_level_view view = kl_cache_view(job->cache, level);
+    size_t kept = 0;
+
+    (void)err;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < count; ++i) {
+        points[i].covered = coverage(job, &view, &points[i]) >= job->least_weight;
+    }
+    for (size_t i = 0; i < count; ++i) {
+        if (!points[i].covered) points[kept++] = points[i];
+    }
+    return kept;
+}
+
+/* Pixel size [m] at a point, the smallest over all cameras that have it in their frame: a later
+ * frame may come closer. */
+static float finest_pixel(const struct kl_fill_job *job, kl_vec3 pos, float otherwise)
+{
+    float finest = otherwise;
+    for (uint32_t i = 0; i < job->camera_count; ++i) {
+        const struct kl_camera *c = &job->cameras[i];
+        float x;
+        float y;
+        float depth;
+        if (!kl_camera_project(c, pos, &x, &y, &depth)) continue;
+        if (x < 0.0f || y < 0.0f || x > (float)c->width || y > (float)c->height) continue;
+        finest = fminf(finest, kl_camera_pixel_size(c, depth));
+    }
+    return finest;
+}
+
+static kl_gather_point gather_point(const struct kl_candidate *c, uint32_t level)
+{
+    kl_gather_point p;
+    p.pos[0] = c->pos.x;
+    p.pos[1] = c->pos.y;
+    p.pos[2] = c->pos.z;
+    p.normal = kl_oct_encode(c->normal);
+    p.geometric = kl_oct_encode(c->geometric);
+    uint32_t h = kl_hash(kl_as_u32(p.pos[0]) ^ (level << 30));
+    h = kl_hash(h ^ kl_as_u32(p.pos[1]));
+    h = kl_hash(h ^ kl_as_u32(p.pos[2]));
+    p.seed = kl_hash(h ^ p.normal);
+    const float angle = kl_unit_float(kl_hash(p.seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
+    p.rot_cos = cosf(angle);
+    p.rot_sin = sinf(angle);
+    return p;
+}
+
+struct batch {
+    kl_gather_point *points;
+    kl_gather_result *results;
+    kl_record_hot *hot;
+    kl_record_cold *cold;
+};
+
+static void batch_fini(struct batch *b)
+{
+    free(b->points);
+    free(b->results);
+    free(b->hot);
+    free(b->cold);
+}
+
+static kl_status batch_init(struct batch *b, size_t n, struct kl_err *err)
+{
+    *b = (struct batch){0};
+    kl_status st = kl_alloc_array(&b->points, n, sizeof *b->points, err);
+    if (st == KL_OK) st = kl_alloc_array(&b->results, n, sizeof *b->results, err);
+    if (st == KL_OK) st = kl_alloc_array(&b->hot, n, sizeof *b->hot, err);
+    if (st == KL_OK) st = kl_alloc_array(&b->cold, n, sizeof *b->cold, err);
+    return st;
+}
+
+/* Gather at the chosen candidates and insert the records. */
+static kl_status gather_and_insert(const struct kl_fill_job *job, uint32_t level,
+                                   const struct kl_candidate *chosen, size_t n,
+                                   struct kl_fill_stats *stats, struct kl_err *err)
+{
+    const kl_level_view level1 = kl_cache_view(job->cache, 1);
+    const struct kl_gather_tables *tables = job->tables[level];
+    struct batch b;
+    kl_status st = batch_init(&b, n, err);
+    double start = kl_seconds();
+
+    if (st != KL_OK) goto cleanup;
+    for (size_t i = 0; i < n; ++i) {
+        b.points[i] = gather_point(&chosen[i], level);
+    }
+    struct kl_gather_job gather = {job->scene, &level1, tables, job->gather, b.points, n, b.results};
+    gather.settings.side = tables->side;
+    gather.settings.sets = tables->sets;
+    st = job->gather_batch(job->gather_context, &gather, err);
+    if (st != KL_OK) goto cleanup;
+    stats->gather_seconds += kl_seconds() - start;
+    stats->gather_rays += (uint64_t)n * tables->side * tables->side;
+    start = kl_seconds();
+    for (size_t i = 0; i < n; ++i) {
+        kl_record_pack(&b.points[i], &b.results[i], level, chosen[i].spacing, job->scene_radius,
+                       &b.hot[i], &b.cold[i]);
+    }
+    const uint32_t before = kl_cache_count(job->cache, level);
+    st = kl_cache_insert(job->cache, level, b.hot, b.cold, (uint32_t)n, err);
+    if (st == KL_OK && job->keep_batch != NULL) {
+        st = job->keep_batch(job->keep_context, level, b.hot, b.cold, (uint32_t)n, err);
+    }
+    stats->added[level] += kl_cache_count(job->cache, level) - before;
+    ++stats->batches;
+    stats->insert_seconds += kl_seconds() - start;
+
+cleanup:
+    batch_fini(&b);
+    return st;
+}
+
+/* Candidates from points, thinned. */
+static kl_status choose(const struct kl_fill_job *job, uint32_t level, const struct kl_point *points,
+                        size_t count, size_t limit, struct kl_candidate **chosen, size_t *kept,
+                        struct kl_err *err)
+{
+    struct kl_candidate *c = NULL;
+    kl_status st = kl_alloc_array(&c, count, sizeof *c, err);
+    if (st != KL_OK) return st;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < count; ++i) {
+        const struct kl_point *p = &points[i];
+        const float pixel = level == 0 ? finest_pixel(job, p->pos, p->pixel) : p->pixel;
+        const float pos[3] = {p->pos.x, p->pos.y, p->pos.z};
+        const float spacing = job->spacing_px * pixel;
+        const float predicted =
+            kl_cache_predict_radius(job->cache, level, pos, unknown_px * pixel);
+        c[i] = (struct kl_candidate){p->pos, p->smooth, p->geometric, spacing,
+                                     exclusion * fmaxf(predicted, spacing), p->rank};
+    }
+    st = kl_thin(c, count, alike, limit, kept, err);
+    *chosen = c;
+    return st;
+}
+
+/* Place records until at most `allowed` of the points are without. */
+static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, struct kl_point *points,
+                             size_t count, size_t allowed, int stage, double done, double share,
+                             struct kl_fill_stats *stats, struct kl_err *err)
+{
+    const size_t first = count;
+    kl_status st = KL_OK;
+    for (int pass = 0; st == KL_OK && pass < MAX_PASSES && count > allowed; ++pass) {
+        struct kl_candidate *chosen = NULL;
+        size_t kept = 0;
+        const bool early = kl_cache_count(job->cache, level) < FIRST_BATCH;
+        const size_t limit = early && job->batch > FIRST_BATCH ? FIRST_BATCH : job->batch;
+        st = choose(job, level, points, count, limit, &chosen, &kept, err);
+        if (st == KL_OK) st = gather_and_insert(job, level, chosen, kept, stats, err);
+        free(chosen);
+        if (st != KL_OK) break;
+        count = keep_uncovered(job, level, points, count, err);
+        const double progress = done + share * (1.0 - (double)count / (double)first);
+        if (job->progress != NULL && job->progress(job->progress_context, stage, progress,
+                                                   kl_cache_count(job->cache, level))) {
+            st = kl_fail(err, KL_ERR_INTERRUPTED, "interrupted");
+        }
+    }
+    return st;
+}
+
+static kl_status fill_world(const struct kl_fill_job *job, struct kl_fill_stats *stats,
+                            struct kl_err *err)
+{
+    struct kl_point *points = NULL;
+    size_t count = 0;
+    double start = kl_seconds();
+    kl_status st = kl_fill_world_points(job, &points, &count, err);
+    if (st != KL_OK) return st;
+    stats->visibility_seconds += kl_seconds() - start;
+    const size_t allowed = (size_t)(0.01 * (double)count);
+    const size_t left = keep_uncovered(job, 1, points, count, err);
+    st = fill_points(job, 1, points, left, allowed, 0, 0.0, 1.0, stats, err);
+    free(points);
+    return st;
+}
+
+static kl_status fill_camera(const struct kl_fill_job *job, uint32_t camera, double done,
+                             double share, struct kl_fill_stats *stats, struct kl_err *err)
+{
+    struct kl_point *points = NULL;
+    size_t count = 0;
+    const double start = kl_seconds();
+    kl_status st = kl_fill_screen_points(job, camera, &points, &count, err);
+    if (st != KL_OK) return st;
+    stats->primary_rays += (uint64_t)job->cameras[camera].width * job->cameras[camera].height;
+    const size_t allowed = (size_t)((double)job->uncovered * (double)count);
+    const size_t left = keep_uncovered(job, 0, points, count, err);
+    stats->visibility_seconds += kl_seconds() - start;
+    if (count > 0) stats->uncovered = fmax(stats->uncovered, (double)left / (double)count);
+    st = fill_points(job, 0, points, left, allowed, 1, done, share, stats, err);
+    free(points);
+    return st;
+}
+
+kl_status kl_fill(const struct kl_fill_job *job, struct kl_fill_stats *stats, struct kl_err *err)
+{
+    const double share = job->camera_count > 0 ? 1.0 / job->camera_count : 1.0;
+    kl_status st = fill_world(job, stats, err);
+
+    /* A record placed for one frame can shrink its neighbours in another: go round until a whole
+     * round adds nothing. That round is also what a later run will see. */
+    for (int round = 0; st == KL_OK && round < MAX_ROUNDS; ++round) {
+        const uint32_t before = kl_cache_count(job->cache, 0);
+        stats->uncovered = 0.0;
+        for (uint32_t i = 0; st == KL_OK && i < job->camera_count; ++i) {
+            st = fill_camera(job, i, i * share, share, stats, err);
+        }
+        if (kl_cache_count(job->cache, 0) == before) break;
+    }
+    if (st != KL_OK) return st;
+    return kl_cache_finish(job->cache, err);
+}

@@ -1,0 +1,123 @@
+#include "src/render/fill_points.h"
+
+#include "kernels/bsdf.h"
+#include "src/base/memory.h"
+
+#include <stdlib.h>
+
+enum { WALKS = 16384, WALK_LENGTH = 4, MIRRORS = 8 };
+static const float mirror_alpha = 0.1f;        /* smoother lobes are followed as mirrors */
+static const float world_spacing = 1.0f / 384; /* of the scene radius: "pixel" of the world stage */
+
+static struct kl_point point_of(const kl_surface *s, float pixel, uint32_t rank)
+{
+    return (struct kl_point){s->pos, s->smooth, s->geometric, pixel, rank, false};
+}
+
+/* First surface with a base along a ray, through mirrors. *length grows by the way there. */
+static bool find_diffuse(const kl_scene_view *scene, kl_ray ray, uint32_t seed, kl_surface *s,
+                         float *length)
+{
+    for (int k = 0; k < MIRRORS; ++k) {
+        kl_hit hit;
+        if (!kl_intersect(scene, &ray, seed + (uint32_t)k, &hit)) return false;
+        kl_surface_at(scene, &ray, &hit, s);
+        *length += hit.t;
+        if (!kl_is_black(s->diffuse)) return true;
+        if (!kl_has_specular(s) || kl_ggx_alpha(s) > mirror_alpha) return false;
+        const float c = kl_dot(ray.dir, s->shading);
+        const kl_vec3 dir = kl_normalize(kl_v3_mad(ray.dir, -2.0f * c, s->shading));
+        if (!(kl_dot(dir, s->geometric) > 0.0f)) return false;
+        ray = kl_ray_make(kl_offset_point(s->pos, s->geometric), dir, KL_INF);
+    }
+    return false;
+}
+
+kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
+                                struct kl_point **points, size_t *count, struct kl_err *err)
+{
+    const struct kl_camera *c = &job->cameras[camera];
+    const size_t pixels = (size_t)c->width * c->height;
+    struct kl_point *p = NULL;
+    size_t kept = 0;
+    kl_status st = kl_alloc_array(&p, pixels, sizeof *p, err);
+
+    if (st != KL_OK) return st;
+#pragma omp parallel for schedule(dynamic, 64)
+    for (size_t i = 0; i < pixels; ++i) {
+        const kl_ray ray = kl_camera_ray(c, (float)(i % c->width) + 0.5f,
+                                         (float)(i / c->width) + 0.5f);
+        kl_surface s;
+        float length = 0.0f;
+        p[i].covered = !find_diffuse(job->scene, ray, (uint32_t)i * MIRRORS, &s, &length);
+        if (!p[i].covered) {
+            p[i] = point_of(&s, kl_camera_pixel_size(c, length),
+                            kl_hash2((uint32_t)i, camera + 0x7f4a7c15u));
+        }
+    }
+    for (size_t i = 0; i < pixels; ++i) {
+        if (!p[i].covered) p[kept++] = p[i];
+    }
+    *points = p;
+    *count = kept;
+    return KL_OK;
+}
+
+/* One walk: cosine-distributed bounces; the camera's own hit is not a gather hit. */
+static size_t walk(const struct kl_fill_job *job, uint32_t number,
+                   struct kl_point out[WALK_LENGTH])
+{
+    kl_sampler sampler = kl_sampler_make(number, 0x2545f491u);
+    const struct kl_camera *c =
+        &job->cameras[(uint32_t)((uint64_t)number * job->camera_count / WALKS)];
+    const kl_vec2 u = kl_sampler_2d(&sampler);
+    kl_ray ray = kl_camera_ray(c, u.x * (float)c->width, u.y * (float)c->height);
+    size_t count = 0;
+
+    for (int k = 0; k <= WALK_LENGTH; ++k) {
+        kl_hit hit;
+        kl_surface s;
+        if (!kl_intersect(job->scene, &ray, number + (uint32_t)k, &hit)) break;
+        kl_surface_at(job->scene, &ray, &hit, &s);
+        if (k > 0) {
+            out[count++] = point_of(&s, world_spacing * job->scene_radius,
+                                    kl_hash2(number * WALK_LENGTH + (uint32_t)k, 0x9e3779b9u));
+        }
+        const kl_frame f = kl_frame_from_normal(s.smooth);
+        const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(&sampler)));
+        if (!(kl_dot(dir, s.geometric) > 0.0f)) break;
+        ray = kl_ray_make(kl_offset_point(s.pos, s.geometric), dir, KL_INF);
+    }
+    return count;
+}
+
+kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **points,
+                               size_t *count, struct kl_err *err)
+{
+    struct kl_point *p = NULL;
+    uint8_t *lengths = NULL;
+    size_t kept = 0;
+    kl_status st = kl_alloc_array(&p, (size_t)WALKS * WALK_LENGTH, sizeof *p, err);
+
+    if (st == KL_OK) st = kl_alloc_array(&lengths, WALKS, 1, err);
+    if (st != KL_OK || job->camera_count == 0) {
+        free(p);
+        free(lengths);
+        *points = NULL;
+        *count = 0;
+        return st;
+    }
+#pragma omp parallel for schedule(dynamic, 64)
+    for (uint32_t i = 0; i < WALKS; ++i) {
+        lengths[i] = (uint8_t)walk(job, i, p + (size_t)i * WALK_LENGTH);
+    }
+    for (size_t i = 0; i < WALKS; ++i) {
+        for (size_t k = 0; k < lengths[i]; ++k) {
+            p[kept++] = p[i * WALK_LENGTH + k];
+        }
+    }
+    free(lengths);
+    *points = p;
+    *count = kept;
+    return KL_OK;
+}

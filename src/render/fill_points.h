@@ -1,0 +1,24 @@
+/* Private to src/render: the points at which the cache must serve. */
+#ifndef KL_SRC_RENDER_FILL_POINTS_H
+#define KL_SRC_RENDER_FILL_POINTS_H
+
+#include "src/render/fill.h"
+
+struct kl_point {
+    kl_vec3 pos, smooth, geometric; /* render space */
+    float pixel;                    /* [m] size of a pixel there */
+    uint32_t rank;                  /* random order */
+    bool covered;
+};
+
+/* What each pixel's centre sees through mirrors: the first diffuse surface. *points is the
+ * caller's to free(). */
+kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
+                                struct kl_point **points, size_t *count,
+                                struct kl_err *err) KL_MUST_CHECK;
+/* Where gather rays land: vertices of random walks from what the cameras see. The same points for
+ * the same cameras, whatever the cache holds. */
+kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **points,
+                               size_t *count, struct kl_err *err) KL_MUST_CHECK;
+
+#endif

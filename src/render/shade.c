@@ -1,0 +1,200 @@
+#include "src/render/shade_impl.h"
+
+#include <string.h>
+
+kl_vec3 kl_shade_emission(const struct kl_shade_context *context, const kl_ray *ray,
+                          const kl_hit *hit, const kl_surface *surface,
+                          const struct kl_bounce *from)
+{
+    const kl_scene_view *s = context->scene;
+    if (hit == NULL) {
+        const kl_vec3 sky = kl_env_radiance(s, ray->dir);
+        if (!(from->pdf > 0.0f) || kl_is_black(sky)) return sky;
+        const float p = kl_light_pdf(s, s->env.light, from->pos, from->normal, ray->dir, KL_INF);
+        return kl_v3_scale(sky, kl_power_weight(from->pdf, p));
+    }
+    if (!(from->pdf > 0.0f) || surface->light == KL_NONE || kl_is_black(surface->emission)) {
+        return surface->emission;
+    }
+    const float p = kl_light_pdf(s, surface->light, from->pos, from->normal, ray->dir, hit->t);
+    return kl_v3_scale(surface->emission, kl_power_weight(from->pdf, p));
+}
+
+struct kl_direct kl_shade_direct(const struct kl_shade_context *context, const kl_surface *surface,
+                                 kl_vec3 wo, kl_vec3 albedo, const float p_lobes[2],
+                                 kl_sampler *sampler, struct kl_counts *counts)
+{
+    struct kl_direct out = {kl_v3_splat(0.0f), kl_v3_splat(0.0f)};
+    const float choice = kl_sampler_1d(sampler);
+    const kl_vec2 u = kl_sampler_2d(sampler);
+    kl_light_sample light;
+
+    if (!kl_light_sample_one(context->scene, surface->pos, surface->geometric, choice, u, &light)) {
+        return out;
+    }
+    if (!(kl_dot(surface->geometric, light.wi) > 0.0f)) return out;
+    const float cosine = kl_fmax(0.0f, kl_dot(surface->shading, light.wi));
+    float lobe_pdf = 0.0f;
+    kl_vec3 lobe = kl_v3_splat(0.0f);
+    if (kl_has_specular(surface)) lobe = kl_specular_eval(surface, wo, light.wi, &lobe_pdf);
+    const kl_vec3 base = kl_v3_scale(albedo, KL_INV_PI * cosine);
+    if (kl_is_black(base) && kl_is_black(lobe)) return out;
+    const kl_ray ray = kl_shadow_ray(surface, &light);
+    ++counts->shadow;
+    const float through = kl_transmittance(context->scene, &ray);
+    if (!(through > 0.0f)) return out;
+    const float other = p_lobes[0] * cosine * KL_INV_PI + p_lobes[1] * lobe_pdf;
+    const float weight = light.delta ? 1.0f : kl_power_weight(light.pdf, other);
+    const kl_vec3 arriving = kl_v3_scale(light.radiance, through / light.pdf);
+    out.diffuse = kl_v3_scale(kl_v3_mul(base, arriving), p_lobes[0] > 0.0f ? weight : 1.0f);
+    out.specular = kl_v3_scale(kl_v3_mul(lobe, arriving), weight);
+    return out;
+}
+
+/* Irradiance by one short path: for samples that no record serves. Unbiased. */
+static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
+                               kl_sampler *sampler, struct kl_counts *counts)
+{
+    const kl_frame f = kl_frame_from_normal(surface->smooth);
+    const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
+    ++counts->late;
+    if (!(kl_dot(dir, surface->geometric) > 0.0f)) return kl_v3_splat(0.0f);
+    const kl_ray ray =
+        kl_ray_make(kl_offset_point(surface->pos, surface->geometric), dir, KL_INF);
+    const kl_gather_cell cell = kl_gather_ray(context->scene, &context->levels[1], &context->gather,
+                                              surface->smooth, ray, *sampler);
+    ++sampler->dim;
+    return kl_v3_scale(kl_v3(cell.radiance[0], cell.radiance[1], cell.radiance[2]), KL_PI);
+}
+
+static bool can_reuse(const struct kl_reuse *r, const kl_surface *s, float pixel)
+{
+    if (!r->valid || r->object != s->object) return false;
+    const kl_vec3 d = kl_v3_sub(s->pos, r->pos);
+    return kl_dot(d, d) < pixel * pixel && kl_dot(r->smooth, s->smooth) > 0.95f &&
+           kl_dot(r->bent, s->shading) > 0.999f;
+}
+
+/* Indirect irradiance at a hit: the records seen from the camera, then those seen by gather rays
+ * (after a bounce), then a short path. */
+static kl_answer find_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
+                                 bool first, float pixel, struct kl_reuse *reuse,
+                                 kl_sampler *sampler, struct kl_counts *counts, float *late)
+{
+    *late = 0.0f;
+    if (first && can_reuse(reuse, surface, pixel)) {
+        ++counts->reused;
+        return reuse->answer;
+    }
+    ++counts->lookups;
+    kl_answer a = kl_cache_query(&context->levels[0], &context->query, surface->pos,
+                                 surface->smooth, surface->shading);
+    if (!(a.weight > 0.0f) && !first) {
+        a = kl_cache_query(&context->levels[1], &context->gather.query, surface->pos,
+                           surface->smooth, surface->shading);
+    }
+    if (a.weight > 0.0f) {
+        ++counts->lookup_hits;
+        if (first) {
+            *reuse = (struct kl_reuse){true,           surface->pos,    surface->smooth,
+                                       surface->shading, surface->object, a};
+        }
+        return a;
+    }
+    *late = 1.0f;
+    a.irr = late_irradiance(context, surface, sampler, counts);
+    return a;
+}
+
+/* Chance of following the specular lobe: lobes that reflect little are followed seldom. */
+static float specular_chance(const kl_surface *surface, kl_vec3 wo, bool first, kl_vec3 beta)
+{
+    if (!kl_has_specular(surface)) return 0.0f;
+    const float reflect = kl_max3(kl_specular_albedo(surface, kl_dot(surface->shading, wo)));
+    return kl_fmin(1.0f, first ? 4.0f * reflect : 2.0f * reflect * kl_max3(beta));
+}
+
+/* Follow the specular lobe with the given chance; false: the path ends. */
+static bool continue_specular(const kl_surface *surface, kl_vec3 wo, float chance,
+                              kl_sampler *sampler, kl_vec3 *beta, struct kl_bounce *from,
+                              kl_ray *ray)
+{
+    kl_vec3 wi;
+    float pdf;
+    const float roulette = kl_sampler_1d(sampler);
+    const kl_vec2 u = kl_sampler_2d(sampler);
+    if (!(roulette < chance)) return false;
+    const kl_vec3 f = kl_specular_sample(surface, wo, u, &wi, &pdf);
+    if (kl_is_black(f) || !(kl_dot(wi, surface->geometric) > 0.0f)) return false;
+    *beta = kl_v3_scale(kl_v3_mul(*beta, f), 1.0f / chance);
+    /* The light sampler weighs the lobe's density times the chance to get here. */
+    *from = (struct kl_bounce){pdf * chance, surface->pos, surface->geometric};
+    *ray = kl_ray_make(kl_offset_point(surface->pos, surface->geometric), wi, KL_INF);
+    return true;
+}
+
+enum { MAX_SPECULAR = 32 };
+
+void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_sampler *sampler,
+                     float pixel_size, struct kl_reuse *reuse, struct kl_counts *counts,
+                     struct kl_parts *parts)
+{
+    kl_vec3 beta = kl_v3_splat(1.0f);
+    struct kl_bounce from = {0};
+    float length = 0.0f;
+
+    memset(parts, 0, sizeof *parts);
+    for (int depth = 0; depth < MAX_SPECULAR; ++depth) {
+        kl_hit hit;
+        kl_surface surface;
+        const bool first = depth == 0;
+        kl_vec3 *sink = depth == 1 ? &parts->specular_direct : &parts->specular_indirect;
+        const uint32_t seed = kl_hash2(sampler->seed + (uint32_t)depth, sampler->index);
+        const bool found = kl_intersect(context->scene, &ray, seed, &hit);
+        if (first) ++counts->primary;
+        if (!first) ++counts->path;
+        if (found) kl_surface_at(context->scene, &ray, &hit, &surface);
+        const kl_vec3 light =
+            kl_shade_emission(context, &ray, found ? &hit : NULL, &surface, &from);
+        if (first) {
+            parts->emission = light;
+        } else {
+            *sink = kl_v3_add(*sink, kl_v3_mul(beta, light));
+        }
+        if (!found) return;
+        if (first) parts->alpha = 1.0f;
+        if (!first && context->indirect == KL_INDIRECT_OFF) return;
+        length += hit.t;
+        const kl_vec3 wo = kl_v3_scale(ray.dir, -1.0f);
+        const kl_vec3 albedo = kl_diffuse_albedo(context->scene, &surface, wo);
+        const float chance = specular_chance(&surface, wo, first, beta);
+        const float p_lobes[2] = {0.0f, chance};
+        const struct kl_direct direct =
+            kl_shade_direct(context, &surface, wo, albedo, p_lobes, sampler, counts);
+        kl_vec3 indirect = kl_v3_splat(0.0f);
+        if (context->indirect == KL_INDIRECT_CACHE && !kl_is_black(albedo)) {
+            float late;
+            const kl_answer a = find_irradiance(context, &surface, first, pixel_size * length,
+                                                reuse, sampler, counts, &late);
+            indirect = kl_v3_scale(kl_v3_mul(albedo, a.irr), KL_INV_PI);
+            if (first) {
+                parts->irradiance = a.irr;
+                parts->cache_weight = a.weight;
+                parts->cache_error = a.error;
+                parts->late = late;
+            }
+        }
+        if (first) {
+            parts->albedo = albedo;
+            parts->diffuse_direct = direct.diffuse;
+            parts->specular_direct = direct.specular;
+            parts->diffuse_indirect = indirect;
+        } else {
+            const kl_vec3 sum = kl_v3_add(kl_v3_add(direct.diffuse, direct.specular), indirect);
+            parts->specular_indirect =
+                kl_v3_add(parts->specular_indirect, kl_v3_mul(beta, sum));
+        }
+        if (!(chance > 0.0f)) return;
+        if (!continue_specular(&surface, wo, chance, sampler, &beta, &from, &ray)) return;
+    }
+}

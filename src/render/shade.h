@@ -1,0 +1,55 @@
+/* Light along one camera ray, split into the parts that the image layers want. */
+#ifndef KL_SRC_RENDER_SHADE_H
+#define KL_SRC_RENDER_SHADE_H
+
+#include "kernels/gather.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+enum kl_indirect { KL_INDIRECT_CACHE, KL_INDIRECT_PATH, KL_INDIRECT_OFF };
+
+struct kl_counts { /* of rays and look-ups, for the report */
+    uint64_t primary, shadow, path, late;
+    uint64_t lookups, lookup_hits, reused;
+};
+
+/* What shading needs to know; constant while a frame renders, shared by all threads. */
+struct kl_shade_context {
+    const kl_scene_view *scene;
+    kl_level_view levels[KL_CACHE_LEVELS]; /* frozen */
+    enum kl_indirect indirect;
+    kl_query query;             /* of level 0 */
+    kl_gather_settings gather;  /* for samples that no record serves */
+};
+
+/* The last query of a pixel that went to the records (Krivanek, SIGGRAPH 2008 course): samples that
+ * hit close by take its answer. Compared with the query that was evaluated, not with the last that
+ * reused it, so nothing drifts. */
+struct kl_reuse {
+    bool valid;
+    kl_vec3 pos, smooth, bent;
+    uint32_t object;
+    kl_answer answer;
+};
+
+struct kl_parts { /* radiance [nit] */
+    kl_vec3 emission, diffuse_direct, diffuse_indirect, specular_direct, specular_indirect;
+    kl_vec3 albedo;     /* diffuse albedo of the first hit */
+    kl_vec3 irradiance; /* indirect irradiance there [lx]; path: estimate from this sample */
+    float alpha;        /* 1: something was hit */
+    float cache_weight, cache_error, late;
+};
+
+/* Shade by records or without indirect light (context->indirect CACHE or OFF). `pixel_size` [m] at
+ * distance 1 decides what "close by" means for reuse. */
+void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_sampler *sampler,
+                     float pixel_size, struct kl_reuse *reuse, struct kl_counts *counts,
+                     struct kl_parts *parts);
+
+/* Shade by path tracing: unbiased, with multiple importance sampling (Veach and Guibas 1995, power
+ * heuristic) and Russian roulette. The reference for everything else. */
+void kl_shade_path(const struct kl_shade_context *context, kl_ray ray, kl_sampler *sampler,
+                   struct kl_counts *counts, struct kl_parts *parts);
+
+#endif
