@@ -33,6 +33,8 @@ struct exr_job {
     struct plane planes[MAX_PLANES]; /* R G B, or Y, or Y RY BY */
     bool is_luminance;
     double to_rec709[9]; /* row major, from the file's RGB */
+    uint8_t *scratch;
+    size_t scratch_size;
     double luminance[3]; /* of the file's primaries */
 };
 
@@ -97,7 +99,7 @@ static bool choose_channels(struct exr_job *job, int part)
     job->plane_count = has_all ? 3 : 1;
     for (int i = 0; i < job->plane_count; ++i) {
         const exr_attr_chlist_entry_t *entry = find_channel(list, names[i]);
-        if (entry->pixel_type == EXR_PIXEL_UINT) return false;
+        if (entry == NULL || entry->pixel_type == EXR_PIXEL_UINT) return false;
         if (entry->x_sampling != entry->y_sampling || entry->x_sampling < 1) return false;
         if (entry->x_sampling > 2 || (i == 0 && entry->x_sampling != 1)) return false;
         job->planes[i].name = names[i];
@@ -157,20 +159,43 @@ static kl_status init_planes(struct exr_job *job, struct kl_err *err)
     return KL_OK;
 }
 
+/* Channels that nobody wants are decoded here: the library's fast routines write to all. */
+static kl_status aim_at_scratch(struct exr_job *job, exr_coding_channel_info_t *to,
+                                struct kl_err *err)
+{
+    const size_t width = to->width > 0 ? (size_t)to->width : 1;
+    const size_t height = to->height > 0 ? (size_t)to->height : 1;
+    kl_status st = kl_grow_array(&job->scratch, &job->scratch_size, width * height * sizeof(float),
+                                 1, err);
+
+    if (st != KL_OK) return st;
+    to->decode_to_ptr = job->scratch;
+    to->user_data_type = to->data_type;
+    to->user_bytes_per_element = to->bytes_per_element;
+    to->user_pixel_stride = to->bytes_per_element;
+    to->user_line_stride = (int)width * to->bytes_per_element;
+    return KL_OK;
+}
+
 /* Point the decoder's channels at the planes; (x, y) is the chunk's first pixel in the data window.
- * False if the chunk does not fit: a damaged file. */
-static bool aim_channels(const struct exr_job *job, exr_decode_pipeline_t *decode, int x, int y)
+ * Fails if the chunk does not fit: a damaged file. */
+static kl_status aim_channels(struct exr_job *job, exr_decode_pipeline_t *decode, int x, int y,
+                              struct kl_err *err)
 {
     for (int c = 0; c < decode->channel_count; ++c) {
         exr_coding_channel_info_t *to = &decode->channels[c];
-        to->decode_to_ptr = NULL;
+        kl_status st = aim_at_scratch(job, to, err);
+        if (st != KL_OK) return st;
         for (int i = 0; i < job->plane_count; ++i) {
             const struct plane *plane = &job->planes[i];
             if (strcmp(plane->name, to->channel_name) != 0) continue;
             const int column = x / plane->sampling;
             const int row = (y + plane->sampling - 1) / plane->sampling;
             if (to->height < 1 || to->width < 1) continue;
-            if (to->width > plane->width - column || to->height > plane->height - row) return false;
+            if (to->width > plane->width - column || to->height > plane->height - row) {
+                return kl_fail(err, KL_ERR_INPUT, "pixels at %d, %d reach beyond the data window",
+                               x, y);
+            }
             to->decode_to_ptr =
                 (uint8_t *)(plane->values + (size_t)row * (size_t)plane->width + (size_t)column);
             to->user_data_type = EXR_PIXEL_FLOAT;
@@ -179,26 +204,25 @@ static bool aim_channels(const struct exr_job *job, exr_decode_pipeline_t *decod
             to->user_line_stride = plane->width * (int)sizeof(float);
         }
     }
-    return true;
+    return KL_OK;
 }
 
-static kl_status decode_chunk(const struct exr_job *job, const exr_chunk_info_t *chunk,
+static kl_status decode_chunk(struct exr_job *job, const exr_chunk_info_t *chunk,
                               exr_decode_pipeline_t *decode, bool first, int x, int y,
                               struct kl_err *err)
 {
     exr_result_t code = first ? exr_decoding_initialize(job->file, job->part, chunk, decode)
                               : exr_decoding_update(job->file, job->part, chunk, decode);
     if (code != EXR_ERR_SUCCESS) return fail_exr(job, code, "pixels", err);
-    if (!aim_channels(job, decode, x, y)) {
-        return kl_fail(err, KL_ERR_INPUT, "pixels at %d, %d reach beyond the data window", x, y);
-    }
+    kl_status st = aim_channels(job, decode, x, y, err);
+    if (st != KL_OK) return st;
     if (first) code = exr_decoding_choose_default_routines(job->file, job->part, decode);
     if (code == EXR_ERR_SUCCESS) code = exr_decoding_run(job->file, job->part, decode);
     if (code != EXR_ERR_SUCCESS) return fail_exr(job, code, "pixels", err);
     return KL_OK;
 }
 
-static kl_status read_scanlines(const struct exr_job *job, struct kl_err *err)
+static kl_status read_scanlines(struct exr_job *job, struct kl_err *err)
 {
     exr_decode_pipeline_t decode = EXR_DECODE_PIPELINE_INITIALIZER;
     const int height = job->data.max.y - job->data.min.y + 1;
@@ -220,7 +244,7 @@ static kl_status read_scanlines(const struct exr_job *job, struct kl_err *err)
     return st;
 }
 
-static kl_status read_tiles(const struct exr_job *job, struct kl_err *err)
+static kl_status read_tiles(struct exr_job *job, struct kl_err *err)
 {
     exr_decode_pipeline_t decode = EXR_DECODE_PIPELINE_INITIALIZER;
     const int width = job->data.max.x - job->data.min.x + 1;
@@ -441,6 +465,7 @@ cleanup:
     for (int i = 0; i < MAX_PLANES; ++i) {
         free(job.planes[i].values);
     }
+    free(job.scratch);
     if (job.file != NULL) (void)exr_finish(&job.file);
     return st == KL_OK ? KL_OK : kl_wrap(err, "%s", path);
 }

@@ -238,6 +238,20 @@ bool is_core_format(const tinygltf::Accessor &accessor, unsigned formats)
     return (type == TYPE_I8 || type == TYPE_I16) && (formats & KL_GLTF_SNORM) != 0;
 }
 
+std::string list_types(unsigned widths)
+{
+    static const std::pair<unsigned, const char *> names[] = {{1, "SCALAR"}, {2, "VEC2"},
+                                                              {3, "VEC3"},   {4, "VEC4"},
+                                                              {16, "MAT4"}};
+    std::string text;
+    for (const auto &name : names) {
+        if ((widths & 1u << name.first) == 0) continue;
+        if (!text.empty()) text += " or ";
+        text += name.second;
+    }
+    return text;
+}
+
 const tinygltf::Accessor &get_accessor(const kl_gltf_import &in, int index, unsigned widths,
                                        const std::string &place)
 {
@@ -248,8 +262,8 @@ const tinygltf::Accessor &get_accessor(const kl_gltf_import &in, int index, unsi
                          place.c_str(), index, accessor.componentType);
     }
     if (width == 0 || (widths & 1u << width) == 0) {
-        kl_import_refuse("%s: accessors[%d] has %zu numbers per element, expected another type",
-                         place.c_str(), index, width);
+        kl_import_refuse("%s: accessors[%d] has another type, expected %s", place.c_str(), index,
+                         list_types(widths).c_str());
     }
     return accessor;
 }

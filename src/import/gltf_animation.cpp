@@ -15,7 +15,7 @@ struct channel_keys {
 };
 
 bool read_path(kl_gltf_import &in, const tinygltf::AnimationChannel &from, const std::string &place,
-               kl_channel &out)
+               kl_animation_channel &out)
 {
     const kl_node &node = in.scene->nodes[out.node];
     if (from.target_path == "translation") {
@@ -119,7 +119,7 @@ unsigned get_widths(kl_channel_path path)
 }
 
 channel_keys read_keys(kl_gltf_import &in, const tinygltf::AnimationSampler &sampler,
-                       const kl_channel &channel, const std::string &place)
+                       const kl_animation_channel &channel, const std::string &place)
 {
     channel_keys keys;
     const kl_gltf_numbers times =
@@ -148,7 +148,7 @@ void read_channel(kl_gltf_import &in, const tinygltf::Animation &from, size_t in
 {
     const tinygltf::AnimationChannel &source = from.channels[index];
     const std::string place = where + kl_gltf_format_text(" channel %zu", index);
-    kl_channel channel = {};
+    kl_animation_channel channel = {};
 
     if (source.sampler < 0 || static_cast<size_t>(source.sampler) >= from.samplers.size()) {
         kl_import_refuse("%s: sampler %d, but there are %zu", place.c_str(), source.sampler,
@@ -171,7 +171,7 @@ void read_channel(kl_gltf_import &in, const tinygltf::Animation &from, size_t in
         kl_gltf_warn(in, "%s: no keys: left out", place.c_str());
         return;
     }
-    kl_channel &slot = out.channels[out.channel_count++];
+    kl_animation_channel &slot = out.channels[out.channel_count++];
     slot = channel;
     slot.key_count = static_cast<uint32_t>(keys.times.size());
     slot.times = kl_gltf_copy_array(keys.times);
@@ -189,7 +189,7 @@ void kl_gltf_read_animations(kl_gltf_import &in)
         const tinygltf::Animation &from = in.model.animations[a];
         kl_animation &out = scene.animations[scene.animation_count++];
         out.name = kl_gltf_copy_name(kl_gltf_name(from.name, "animation", a));
-        out.channels = kl_gltf_new_array<kl_channel>(from.channels.size());
+        out.channels = kl_gltf_new_array<kl_animation_channel>(from.channels.size());
         const std::string place = kl_gltf_format_text("animations[%zu]", a);
         taken_set taken;
         for (size_t c = 0; c < from.channels.size(); ++c) {

@@ -73,7 +73,7 @@ nlohmann::json parse_json(const kl_gltf_chunks &chunks)
     }
 }
 
-void check_version(const nlohmann::json &root)
+void check_version(kl_gltf_import &in, const nlohmann::json &root)
 {
     const auto asset = root.find("asset");
     if (asset == root.end() || !asset->is_object()) {
@@ -88,9 +88,10 @@ void check_version(const nlohmann::json &root)
         kl_import_refuse("asset.version \"%.20s\", expected \"2.0\"", text.c_str());
     }
     const auto least = asset->find("minVersion");
-    if (least != asset->end() && least->is_string() && least->get<std::string>() != "2.0") {
-        kl_import_refuse("asset.minVersion \"%.20s\", expected \"2.0\"",
-                         least->get<std::string>().c_str());
+    const bool newer = least != asset->end() && least->is_string() && *least != "2.0";
+    if (newer) {
+        kl_gltf_warn(in, "asset.minVersion \"%.20s\": read as 2.0",
+                     least->get<std::string>().c_str());
     }
 }
 
@@ -257,7 +258,7 @@ kl_scene *import_bytes(kl_gltf_import &in, const unsigned char *bytes, size_t si
     {
         const kl_gltf_chunks chunks = kl_gltf_split(in, bytes, size);
         nlohmann::json root = parse_json(chunks);
-        check_version(root);
+        check_version(in, root);
         check_extensions(in, root);
         kl_gltf_check_schema(in, root);
         take_sources(in, root, chunks);

@@ -230,6 +230,7 @@ class schema_walk
                 kl_import_refuse("%s: missing", at.c_str());
             }
         }
+        check_dependencies(value, type, place);
     }
 
   private:
@@ -249,6 +250,20 @@ class schema_walk
         const auto name = value.find("name");
         if (name != value.end() && !name->is_string()) {
             refuse_type(*name, place + ".name", "a string");
+        }
+    }
+
+    // What the tables cannot say; tinygltf would refuse these without naming the place.
+    static void check_dependencies(const json &value, const std::string &type,
+                                   const std::string &place)
+    {
+        if (type == "light" && value["type"] == "spot" && !value.contains("spot")) {
+            kl_import_refuse("%s.spot: missing", place.c_str());
+        }
+        if (type == "bufferView" && value.contains("byteStride") &&
+            value["byteStride"].get<uint64_t>() % 4 != 0) {
+            kl_import_refuse("%s.byteStride: found %llu, expected a multiple of 4", place.c_str(),
+                             static_cast<unsigned long long>(value["byteStride"].get<uint64_t>()));
         }
     }
 

@@ -4,7 +4,7 @@
 #include <string.h>
 
 /* A channel whose keys all say the same moves nothing. */
-static bool channel_moves(const struct kl_channel *channel)
+static bool channel_moves(const struct kl_animation_channel *channel)
 {
     const size_t width = channel->width;
     const bool cubic = channel->interpolation == KL_CUBIC_SPLINE;
@@ -29,7 +29,7 @@ static bool node_has_channel(const struct kl_scene *scene, uint32_t animation, u
         const struct kl_animation *from = &scene->animations[a];
         if (animation != KL_NONE && animation != a) continue;
         for (uint32_t c = 0; c < from->channel_count; ++c) {
-            const struct kl_channel *channel = &from->channels[c];
+            const struct kl_animation_channel *channel = &from->channels[c];
             const bool same = channel->node == node && (channel->path == KL_WEIGHTS) == weights;
             if (same && channel_moves(channel)) return true;
         }

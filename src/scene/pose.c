@@ -21,7 +21,7 @@ struct key_span {
     double length; /* [s] */
 };
 
-static struct key_span find_span(const struct kl_channel *channel, double time)
+static struct key_span find_span(const struct kl_animation_channel *channel, double time)
 {
     const uint32_t last = channel->key_count - 1;
     struct key_span span = {0, 0, 0.0, 0.0};
@@ -72,7 +72,7 @@ static void slerp(const float *a, const float *b, double t, double out[4])
 }
 
 /* Appendix C.5: cubic Hermite spline; the tangents are per second. */
-static void hermite(const struct kl_channel *channel, const struct key_span *span, double *out)
+static void hermite(const struct kl_animation_channel *channel, const struct key_span *span, double *out)
 {
     const size_t width = channel->width;
     const float *from = channel->values + (size_t)span->first * 3 * width;
@@ -106,7 +106,7 @@ static void normalize_quaternion(double q[4])
 }
 
 /* `out` has room for channel->width numbers. */
-static void sample_channel(const struct kl_channel *channel, double time, double *out)
+static void sample_channel(const struct kl_animation_channel *channel, double time, double *out)
 {
     const struct key_span span = find_span(channel, time);
     const size_t width = channel->width;
@@ -134,7 +134,7 @@ static void apply_animation(const struct kl_animation *animation, double time,
 {
 
     for (uint32_t c = 0; c < animation->channel_count; ++c) {
-        const struct kl_channel *channel = &animation->channels[c];
+        const struct kl_animation_channel *channel = &animation->channels[c];
         struct local_transform *target = &local[channel->node];
         switch (channel->path) {
         case KL_TRANSLATION:

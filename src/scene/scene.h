@@ -101,7 +101,7 @@ struct kl_scene_texture {
 enum kl_interpolation { KL_STEP, KL_LINEAR, KL_CUBIC_SPLINE };
 enum kl_channel_path { KL_TRANSLATION, KL_ROTATION, KL_SCALE, KL_WEIGHTS };
 
-struct kl_channel {
+struct kl_animation_channel {
     uint32_t node;
     enum kl_channel_path path;
     enum kl_interpolation interpolation;
@@ -115,7 +115,7 @@ struct kl_animation {
     char *name;
     double duration;              /* [s] last key */
     uint32_t channel_count;
-    struct kl_channel *channels;
+    struct kl_animation_channel *channels;
 };
 
 struct kl_scene_environment {
