@@ -21,7 +21,8 @@ struct plane {
     const char *name;
     int sampling;
     int width, height;
-    float *values;
+    size_t element; /* 2: half, 4: float */
+    uint8_t *values;
 };
 
 struct exr_job {
@@ -33,8 +34,6 @@ struct exr_job {
     struct plane planes[MAX_PLANES]; /* R G B, or Y, or Y RY BY */
     bool is_luminance;
     double to_rec709[9]; /* row major, from the file's RGB */
-    uint8_t *scratch;
-    size_t scratch_size;
     double luminance[3]; /* of the file's primaries */
 };
 
@@ -104,6 +103,7 @@ static bool choose_channels(struct exr_job *job, int part)
         if (entry->x_sampling > 2 || (i == 0 && entry->x_sampling != 1)) return false;
         job->planes[i].name = names[i];
         job->planes[i].sampling = entry->x_sampling;
+        job->planes[i].element = entry->pixel_type == EXR_PIXEL_HALF ? 2 : 4;
     }
     return true;
 }
@@ -153,39 +153,22 @@ static kl_status init_planes(struct exr_job *job, struct kl_err *err)
         plane->width = (job->data.max.x - job->data.min.x) / plane->sampling + 1;
         plane->height = (job->data.max.y - job->data.min.y) / plane->sampling + 1;
         st = kl_alloc_array(&plane->values, (size_t)plane->width * (size_t)plane->height,
-                            sizeof(float), err);
+                            plane->element, err);
         if (st != KL_OK) return st;
     }
     return KL_OK;
 }
 
-/* Channels that nobody wants are decoded here: the library's fast routines write to all. */
-static kl_status aim_at_scratch(struct exr_job *job, exr_coding_channel_info_t *to,
-                                struct kl_err *err)
-{
-    const size_t width = to->width > 0 ? (size_t)to->width : 1;
-    const size_t height = to->height > 0 ? (size_t)to->height : 1;
-    kl_status st = kl_grow_array(&job->scratch, &job->scratch_size, width * height * sizeof(float),
-                                 1, err);
-
-    if (st != KL_OK) return st;
-    to->decode_to_ptr = job->scratch;
-    to->user_data_type = to->data_type;
-    to->user_bytes_per_element = to->bytes_per_element;
-    to->user_pixel_stride = to->bytes_per_element;
-    to->user_line_stride = (int)width * to->bytes_per_element;
-    return KL_OK;
-}
-
-/* Point the decoder's channels at the planes; (x, y) is the chunk's first pixel in the data window.
- * Fails if the chunk does not fit: a damaged file. */
-static kl_status aim_channels(struct exr_job *job, exr_decode_pipeline_t *decode, int x, int y,
-                              struct kl_err *err)
+/* The library does not convert: in OpenEXR 3.1 its fast way from half to float ignores that a
+ * channel is sparse or not wanted, and writes where nothing is. Point the decoder's channels at the
+ * planes; (x, y) is the chunk's first pixel in the data window. Fails if the chunk does not fit: a
+ * damaged file. */
+static kl_status aim_channels(const struct exr_job *job, exr_decode_pipeline_t *decode, int x,
+                              int y, struct kl_err *err)
 {
     for (int c = 0; c < decode->channel_count; ++c) {
         exr_coding_channel_info_t *to = &decode->channels[c];
-        kl_status st = aim_at_scratch(job, to, err);
-        if (st != KL_OK) return st;
+        to->decode_to_ptr = NULL;
         for (int i = 0; i < job->plane_count; ++i) {
             const struct plane *plane = &job->planes[i];
             if (strcmp(plane->name, to->channel_name) != 0) continue;
@@ -197,17 +180,18 @@ static kl_status aim_channels(struct exr_job *job, exr_decode_pipeline_t *decode
                                x, y);
             }
             to->decode_to_ptr =
-                (uint8_t *)(plane->values + (size_t)row * (size_t)plane->width + (size_t)column);
-            to->user_data_type = EXR_PIXEL_FLOAT;
-            to->user_bytes_per_element = sizeof(float);
-            to->user_pixel_stride = sizeof(float);
-            to->user_line_stride = plane->width * (int)sizeof(float);
+                plane->values +
+                ((size_t)row * (size_t)plane->width + (size_t)column) * plane->element;
+            to->user_data_type = to->data_type;
+            to->user_bytes_per_element = to->bytes_per_element;
+            to->user_pixel_stride = to->bytes_per_element;
+            to->user_line_stride = plane->width * to->bytes_per_element;
         }
     }
     return KL_OK;
 }
 
-static kl_status decode_chunk(struct exr_job *job, const exr_chunk_info_t *chunk,
+static kl_status decode_chunk(const struct exr_job *job, const exr_chunk_info_t *chunk,
                               exr_decode_pipeline_t *decode, bool first, int x, int y,
                               struct kl_err *err)
 {
@@ -222,7 +206,7 @@ static kl_status decode_chunk(struct exr_job *job, const exr_chunk_info_t *chunk
     return KL_OK;
 }
 
-static kl_status read_scanlines(struct exr_job *job, struct kl_err *err)
+static kl_status read_scanlines(const struct exr_job *job, struct kl_err *err)
 {
     exr_decode_pipeline_t decode = EXR_DECODE_PIPELINE_INITIALIZER;
     const int height = job->data.max.y - job->data.min.y + 1;
@@ -244,7 +228,7 @@ static kl_status read_scanlines(struct exr_job *job, struct kl_err *err)
     return st;
 }
 
-static kl_status read_tiles(struct exr_job *job, struct kl_err *err)
+static kl_status read_tiles(const struct exr_job *job, struct kl_err *err)
 {
     exr_decode_pipeline_t decode = EXR_DECODE_PIPELINE_INITIALIZER;
     const int width = job->data.max.x - job->data.min.x + 1;
@@ -354,19 +338,42 @@ static void read_colors(struct exr_job *job)
     }
 }
 
+static double half_to_double(uint16_t half)
+{
+    const double sign = (half & 0x8000u) != 0 ? -1.0 : 1.0;
+    const int exponent = half >> 10 & 0x1f;
+    const int mantissa = half & 0x3ff;
+
+    if (exponent == 0) return sign * ldexp((double)mantissa, -24);
+    if (exponent == 31) return mantissa != 0 ? (double)NAN : sign * (double)INFINITY;
+    return sign * ldexp((double)(mantissa + 1024), exponent - 25);
+}
+
+static double get_value(const struct plane *plane, int x, int y)
+{
+    const size_t at = (size_t)y * (size_t)plane->width + (size_t)x;
+    uint16_t half = 0;
+    float value = 0.0f;
+
+    if (plane->element == 2) {
+        memcpy(&half, plane->values + at * 2, sizeof half);
+        return half_to_double(half);
+    }
+    memcpy(&value, plane->values + at * 4, sizeof value);
+    return (double)value;
+}
+
 /* Value at pixel (x, y) of the data window; sparse channels are interpolated linearly. */
 static double sample_plane(const struct plane *plane, int x, int y)
 {
-    const size_t width = (size_t)plane->width;
-
-    if (plane->sampling == 1) return (double)plane->values[(size_t)y * width + (size_t)x];
+    if (plane->sampling == 1) return get_value(plane, x, y);
+    /* The channel has ceil(n / 2) columns and rows, so the first of each pair exists. */
     const int x0 = x / 2;
     const int y0 = y / 2;
     const int x1 = x0 + 1 < plane->width ? x0 + (x & 1) : x0;
     const int y1 = y0 + 1 < plane->height ? y0 + (y & 1) : y0;
-    const float *top = plane->values + (size_t)y0 * width;
-    const float *bottom = plane->values + (size_t)y1 * width;
-    return 0.25 * ((double)top[x0] + (double)top[x1] + (double)bottom[x0] + (double)bottom[x1]);
+    return 0.25 * (get_value(plane, x0, y0) + get_value(plane, x1, y0) + get_value(plane, x0, y1) +
+                   get_value(plane, x1, y1));
 }
 
 static void get_pixel(const struct exr_job *job, int x, int y, double rgb[3])
@@ -465,7 +472,6 @@ cleanup:
     for (int i = 0; i < MAX_PLANES; ++i) {
         free(job.planes[i].values);
     }
-    free(job.scratch);
     if (job.file != NULL) (void)exr_finish(&job.file);
     return st == KL_OK ? KL_OK : kl_wrap(err, "%s", path);
 }

@@ -240,9 +240,8 @@ bool is_core_format(const tinygltf::Accessor &accessor, unsigned formats)
 
 std::string list_types(unsigned widths)
 {
-    static const std::pair<unsigned, const char *> names[] = {{1, "SCALAR"}, {2, "VEC2"},
-                                                              {3, "VEC3"},   {4, "VEC4"},
-                                                              {16, "MAT4"}};
+    static const std::pair<unsigned, const char *> names[] = {
+        {1, "SCALAR"}, {2, "VEC2"}, {3, "VEC3"}, {4, "VEC4"}, {16, "MAT4"}};
     std::string text;
     for (const auto &name : names) {
         if ((widths & 1u << name.first) == 0) continue;
