@@ -23,12 +23,23 @@ struct bench {
     double build_tracer, build_bvh, compile; /* [s] */
 };
 
-static double now(void)
+/* Wall time, or the time that all threads of this process worked, which other programs on the
+ * machine do not change. */
+static double now_on(clockid_t clock)
 {
     struct timespec t;
-    (void)clock_gettime(CLOCK_MONOTONIC, &t);
+    (void)clock_gettime(clock, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
+
+static double now(void)
+{
+    return now_on(CLOCK_MONOTONIC);
+}
+
+struct timing {
+    double wall[RUNS], work[RUNS]; /* [s] */
+};
 
 static int compare_doubles(const void *a, const void *b)
 {
@@ -63,9 +74,10 @@ static void make_rays(struct bench *b)
     }
 }
 
-static double time_host(const struct bench *b)
+static void time_host(const struct bench *b, int run, struct timing *timing)
 {
     const double start = now();
+    const double start_work = now_on(CLOCK_PROCESS_CPUTIME_ID);
     const int64_t count = b->count;
 
 #pragma omp parallel for schedule(dynamic, 1024)
@@ -73,10 +85,11 @@ static double time_host(const struct bench *b)
         b->host_hits[i].triangle = KL_NONE;
         (void)kl_trace_closest(&b->flat->view, &b->rays[i], &b->host_hits[i]);
     }
-    return now() - start;
+    timing->work[run] = now_on(CLOCK_PROCESS_CPUTIME_ID) - start_work;
+    timing->wall[run] = now() - start;
 }
 
-static kl_status time_device(struct bench *b, struct kl_device *device, double *seconds,
+static kl_status time_device(struct bench *b, struct kl_device *device, struct timing *timing,
                              struct kl_err *err)
 {
     struct kl_device_program *program = NULL;
@@ -104,10 +117,13 @@ static kl_status time_device(struct bench *b, struct kl_device *device, double *
     args[KL_SCENE_ARG_COUNT + 1] = (struct kl_device_arg){.buffer = hits};
     args[KL_SCENE_ARG_COUNT + 2] = (struct kl_device_arg){.value = &b->count, .size = 4};
     for (int run = -1; st == KL_OK && run < RUNS; ++run) { /* -1: warms up */
+        const double start_work = now_on(CLOCK_PROCESS_CPUTIME_ID);
         start = now();
         st = kl_device_run(program, "kl_trace_closest_batch", args, KL_SCENE_ARG_COUNT + 3,
                            b->count, GROUP, err);
-        if (run >= 0) seconds[run] = now() - start;
+        if (run < 0) continue;
+        timing->wall[run] = now() - start;
+        timing->work[run] = now_on(CLOCK_PROCESS_CPUTIME_ID) - start_work;
     }
     if (st == KL_OK) st = kl_device_buffer_read(hits, err);
 
@@ -136,7 +152,8 @@ static kl_status prepare(struct bench *b, uint32_t n, struct kl_err *err)
     return st;
 }
 
-static void print(struct bench *b, const struct kl_device *device, double *host, double *on_device)
+static void print(struct bench *b, const struct kl_device *device, struct timing *host,
+                  struct timing *on_device)
 {
     uint32_t hits = 0, different = 0;
 
@@ -144,14 +161,16 @@ static void print(struct bench *b, const struct kl_device *device, double *host,
         hits += b->host_hits[i].triangle != KL_NONE;
         different += b->host_hits[i].triangle != b->device_hits[i].triangle;
     }
-    const double host_rate = (double)b->count / median(host);
-    const double device_rate = (double)b->count / median(on_device);
+    const double host_rate = (double)b->count / median(host->wall);
+    const double device_rate = (double)b->count / median(on_device->wall);
+    const double work_ratio = median(host->work) / median(on_device->work);
     (void)printf("{\"device\": \"%s\", \"triangles\": %u, \"rays\": %u, \"hits\": %u,\n"
-                 " \"embree_rays_per_s\": %.0f, \"device_rays_per_s\": %.0f, \"ratio\": %.3f,\n"
+                 " \"embree_rays_per_s\": %.0f, \"device_rays_per_s\": %.0f, \"ratio\": %.3f, "
+                 "\"work_ratio\": %.3f,\n"
                  " \"different\": %u, \"bvh_bytes\": %zu, \"seconds\": {\"build_embree\": %.3f, "
                  "\"build_bvh\": %.3f, \"compile\": %.3f}}\n",
                  kl_device_get_info(device)->name, b->flat->triangle_count, b->count, hits,
-                 host_rate, device_rate, device_rate / host_rate, different,
+                 host_rate, device_rate, device_rate / host_rate, work_ratio, different,
                  b->bvh->node_count * sizeof *b->bvh->nodes +
                      b->bvh->leaf_count * sizeof *b->bvh->leaves,
                  b->build_tracer, b->build_bvh, b->compile);
@@ -165,17 +184,17 @@ int main(int argc, char **argv)
     struct bench b = {.count = (uint32_t)(millions * 1e6)};
     struct kl_device *device = NULL;
     struct kl_err err = {0};
-    double host[RUNS], on_device[RUNS];
+    struct timing host, on_device;
     kl_status st = kl_device_open(selector, &device, &err);
 
     if (st == KL_OK) st = prepare(&b, (uint32_t)n, &err);
-    if (st == KL_OK) st = time_device(&b, device, on_device, &err);
+    if (st == KL_OK) st = time_device(&b, device, &on_device, &err);
     if (st == KL_OK) {
-        (void)time_host(&b);
+        time_host(&b, 0, &host); /* warms up */
         for (int run = 0; run < RUNS; ++run) {
-            host[run] = time_host(&b);
+            time_host(&b, run, &host);
         }
-        print(&b, device, host, on_device);
+        print(&b, device, &host, &on_device);
     } else {
         (void)fprintf(stderr, "%s\n", err.msg);
     }
