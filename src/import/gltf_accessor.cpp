@@ -13,6 +13,8 @@ enum {
     TYPE_F32 = 5126,
 };
 
+const size_t max_zeros = size_t(1) << 22;
+
 size_t component_size(int type)
 {
     switch (type) {
@@ -207,8 +209,8 @@ std::vector<T> read_values(kl_gltf_import &in, const tinygltf::Accessor &accesso
 {
     const size_t count = accessor.count;
     const uint64_t total = static_cast<uint64_t>(count) * width; // < 2^35
-    // What no bytes stand for is bounded by a round number: 2^24 zero vertices are no scene.
-    if (accessor.bufferView < 0 && count > (size_t(1) << 24)) {
+    // What no bytes stand for is bounded by a round number: 2^22 zero vertices are no scene.
+    if (accessor.bufferView < 0 && count > max_zeros) {
         kl_import_refuse("%s: %zu elements without a bufferView", place.c_str(), count);
     }
     if (total > in.number_budget) {
@@ -218,7 +220,7 @@ std::vector<T> read_values(kl_gltf_import &in, const tinygltf::Accessor &accesso
     const size_t element_size = component_size(accessor.componentType) * width;
     const element_run run =
         find_elements(in, accessor.bufferView, accessor.byteOffset, count, element_size, place);
-    if (run.first == nullptr && count > (size_t(1) << 24)) {
+    if (run.first == nullptr && count > max_zeros) {
         kl_import_refuse("%s: %zu elements without bytes", place.c_str(), count);
     }
     std::vector<T> values(static_cast<size_t>(total));

@@ -22,7 +22,10 @@ const char *const known_extensions[] = {
 
 // Real files stay under 20; nlohmann's printer and tinygltf's readers recurse.
 const unsigned max_json_depth = 64;
-const uint64_t max_numbers = uint64_t(1) << 32;
+// Numbers that may be read from accessors, for any file and per byte of it: several primitives may
+// share an accessor, but a small file must not cause hours of work.
+const uint64_t base_numbers = uint64_t(1) << 28;
+const uint64_t numbers_per_byte = 256;
 
 bool is_known(const std::string &name)
 {
@@ -265,7 +268,10 @@ kl_scene *import_bytes(kl_gltf_import &in, const unsigned char *bytes, size_t si
         parse_model(in, root);
     }
     in.scene = scene.get();
-    in.number_budget = max_numbers;
+    in.number_budget = base_numbers + numbers_per_byte * size;
+    for (const kl_gltf_blob &buffer : in.buffers) {
+        in.number_budget += numbers_per_byte * buffer.bytes.size();
+    }
     in.scene->path = kl_gltf_copy_name(path);
     build_scene(in);
     return scene.release();
