@@ -9,13 +9,13 @@ static bool channel_moves(const struct kl_animation_channel *channel)
     const size_t width = channel->width;
     const bool cubic = channel->interpolation == KL_CUBIC_SPLINE;
     const size_t stride = cubic ? 3 * width : width;
-    const float *first = channel->values + (cubic ? width : 0);
+    const size_t value = cubic ? width : 0; /* after the in-tangent */
 
     for (uint32_t k = 0; k < channel->key_count; ++k) {
-        const float *value = channel->values + k * stride + (cubic ? width : 0);
-        if (memcmp(value, first, width * sizeof(float)) != 0) return true;
+        const float *key = channel->values + k * stride;
+        if (memcmp(key + value, channel->values + value, width * sizeof(float)) != 0) return true;
         for (size_t i = 0; cubic && channel->key_count > 1 && i < width; ++i) {
-            if (value[i - width] != 0.0f || value[i + width] != 0.0f) return true;
+            if (key[i] != 0.0f || key[2 * width + i] != 0.0f) return true;
         }
     }
     return false;
