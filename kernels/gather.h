@@ -117,8 +117,8 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
     const kl_frame f = kl_frame_from_normal(n);
     const float x = point->rot_cos * direction->x - point->rot_sin * direction->y;
     const float y = point->rot_sin * direction->x + point->rot_cos * direction->y;
-    const kl_vec3 local = kl_v3(x, y, kl_sqrt(kl_fmax(0.0f, 1.0f - x * x - y * y)));
-    const kl_vec3 dir = kl_frame_to_world(&f, local);
+    const kl_vec3 in_frame = kl_v3(x, y, kl_sqrt(kl_fmax(0.0f, 1.0f - x * x - y * y)));
+    const kl_vec3 dir = kl_frame_to_world(&f, in_frame);
     if (!(kl_dot(dir, ng) > 0.0f)) { /* below the triangle: its own surface, black and near */
         kl_gather_cell none;
         none.radiance[0] = 0.0f;

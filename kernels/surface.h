@@ -133,10 +133,10 @@ KL_FN kl_vec3 kl_normal_map(const kl_scene_view *s, const KL_GLOBAL kl_triangle 
     const kl_vec3 tangent = kl_normalize(flat);
     const kl_vec3 bitangent = kl_v3_scale(kl_cross(n, tangent), a[3] < 0.0f ? -1.0f : 1.0f);
     const kl_rgba p = kl_material_texel(s, m, KL_TEX_NORMAL, uv);
-    const kl_vec3 local = kl_v3((2.0f * p.r - 1.0f) * m->normal_scale,
+    const kl_vec3 bump = kl_v3((2.0f * p.r - 1.0f) * m->normal_scale,
                                 (2.0f * p.g - 1.0f) * m->normal_scale, 2.0f * p.b - 1.0f);
-    const kl_vec3 bent = kl_v3_mad(kl_v3_mad(kl_v3_scale(tangent, local.x), local.y, bitangent),
-                                   local.z, n);
+    const kl_vec3 bent = kl_v3_mad(kl_v3_mad(kl_v3_scale(tangent, bump.x), bump.y, bitangent),
+                                   bump.z, n);
     return kl_dot(bent, bent) > 1e-12f ? kl_normalize(bent) : n;
 }
 
