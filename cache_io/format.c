@@ -49,12 +49,13 @@ bool segment_id_parse(const char *name, struct segment_id *id)
     struct segment_id parsed = {0};
     size_t digits = 0;
 
-    if (name[0] == 'b')
+    if (name[0] == 'b') {
         parsed.kind = SEGMENT_BASE;
-    else if (name[0] == 'd')
+    } else if (name[0] == 'd') {
         parsed.kind = SEGMENT_DELTA;
-    else
+    } else {
         return false;
+    }
     if (name[1] != '-') return false;
     const char *p = name + 2;
     for (; *p >= '0' && *p <= '9' && digits < 19; ++p, ++digits) {

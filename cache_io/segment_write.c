@@ -70,6 +70,7 @@ static void lay_out(const struct segment_plan *plan, const unsigned char *supers
 static uint64_t make_header(const struct segment_plan *plan, const struct layout *layout,
                             unsigned char *header)
 {
+    /* NOLINTNEXTLINE(bugprone-not-null-terminated-result): eight bytes, not a string */
     memcpy(header + HDR_MAGIC, KL_SEGMENT_MAGIC, 8);
     put_u16(header + HDR_MAJOR, SEGMENT_MAJOR);
     put_u16(header + HDR_MINOR, SEGMENT_MINOR);
@@ -152,10 +153,11 @@ kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segm
     st = kl_file_temp_open_at(dir_fd, name, &file, err);
     if (st != KL_OK) goto cleanup;
     st = write_pieces(file.fd, header, header_size, &layout, err);
-    if (st == KL_OK)
+    if (st == KL_OK) {
         st = kl_file_temp_commit(&file, err);
-    else
+    } else {
         kl_file_temp_discard(&file);
+    }
     if (st != KL_OK) (void)kl_wrap(err, "%s", name);
 
 cleanup:

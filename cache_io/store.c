@@ -138,8 +138,10 @@ static kl_status check_key(const struct kl_store_key *have, const struct kl_stor
 {
     const bool scene = memcmp(have->scene, want->scene, KL_DIGEST_SIZE) != 0;
     const bool settings = memcmp(have->settings, want->settings, KL_DIGEST_SIZE) != 0;
-    const bool origin = memcmp(have->origin, want->origin, sizeof have->origin) != 0;
+    bool origin = false;
 
+    for (int i = 0; i < 3; ++i)
+        origin = origin || have->origin[i] != want->origin[i];
     if (!scene && !settings && !origin) return KL_OK;
     return kl_fail(err, KL_ERR_STALE, "%s was made for another%s%s%s", name, scene ? " scene" : "",
                    settings ? (scene ? " and other settings" : " choice of settings") : "",
@@ -322,8 +324,7 @@ static kl_status make_directory(const char *dir, struct kl_err *err)
     }
     kl_status st = kl_alloc_array(&parent, strlen(dir) + sizeof "/..", 1, err);
     if (st != KL_OK) return st;
-    memcpy(parent, dir, strlen(dir));
-    memcpy(parent + strlen(dir), "/..", sizeof "/..");
+    (void)snprintf(parent, strlen(dir) + sizeof "/..", "%s/..", dir);
     const int fd = open(parent, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (fd >= 0) {
         (void)fsync(fd); /* where it fails, the segments' own sync will tell */
@@ -462,10 +463,11 @@ static kl_status publish(struct kl_store *store, const struct segment_plan *plan
         segment_id_format(&id, name);
         st = segment_open(store->dir_fd, name, out, err);
     }
-    if (st == KL_OK)
+    if (st == KL_OK) {
         store->generation = plan->generation;
-    else
+    } else {
         store->broken = true;
+    }
     return st;
 }
 

@@ -23,9 +23,10 @@ enum { KL_DIGEST_SIZE = 16 };
 
 /* What the records depend on. Another key is another cache. */
 struct kl_store_key {
-    uint8_t scene[KL_DIGEST_SIZE];    /* geometry, materials, lights, environment at one instant */
-    uint8_t settings[KL_DIGEST_SIZE]; /* options that change irradiance, and the algorithm version */
-    double origin[3];                 /* [m] world position of render space's origin */
+    uint8_t scene[KL_DIGEST_SIZE]; /* geometry, materials, lights, environment at one instant */
+    uint8_t
+        settings[KL_DIGEST_SIZE]; /* options that change irradiance, and the algorithm version */
+    double origin[3];             /* [m] world position of render space's origin */
 };
 
 enum kl_store_mode {
@@ -34,14 +35,15 @@ enum kl_store_mode {
     KL_STORE_REBUILD, /* as EXTEND; segments there are removed first, whatever their key */
 };
 
-/* Arrays of one level. From a store they are borrowed until it is closed, and mapped, not copied. */
+/* Arrays of one level. From a store they are borrowed until it is closed, and mapped, not copied.
+ */
 struct kl_store_level {
     uint32_t record_count;
     const kl_record_hot *hot;
     const kl_record_cold *cold;
-    kl_octree_header octree;      /* record_count 0 in it: no octree here */
-    const kl_octree_slot *slots;  /* octree.slot_count */
-    const kl_u32 *rows;           /* octree.row_size */
+    kl_octree_header octree;     /* record_count 0 in it: no octree here */
+    const kl_octree_slot *slots; /* octree.slot_count */
+    const kl_u32 *rows;          /* octree.row_size */
 };
 
 struct kl_store_segment_info {
@@ -62,7 +64,8 @@ void kl_store_close(struct kl_store *store); /* accepts NULL */
 /* Segments in the order in which they are to be read: the base (if any) first, then deltas by
  * generation and name. Level arrays of segment i. Every record was validated. */
 size_t kl_store_segment_count(const struct kl_store *store);
-void kl_store_segment_get(const struct kl_store *store, size_t i, struct kl_store_segment_info *info,
+void kl_store_segment_get(const struct kl_store *store, size_t i,
+                          struct kl_store_segment_info *info,
                           struct kl_store_level levels[KL_CACHE_LEVELS]);
 void kl_store_key_get(const struct kl_store *store, struct kl_store_key *key);
 uint64_t kl_store_generation(const struct kl_store *store); /* +1 per published segment */
@@ -73,7 +76,8 @@ size_t kl_store_damaged(const struct kl_store *store, const char **first);
 /* Append a batch: records[l] holds the new records of level l (octree ignored). The batch is on
  * disk when this returns KL_OK. The new segment also appears at the end of this store's list.
  * Content decides the file name, so the same batches give the same files. */
-kl_status kl_store_append(struct kl_store *store, const struct kl_store_level records[KL_CACHE_LEVELS],
+kl_status kl_store_append(struct kl_store *store,
+                          const struct kl_store_level records[KL_CACHE_LEVELS],
                           struct kl_err *err) KL_MUST_CHECK;
 
 /* Publish one base segment with these records and octrees in place of all segments of this store's

@@ -369,10 +369,11 @@ static size_t find_key(const struct kl_path *path, double time)
 
     while (high - low > 1) {
         const size_t middle = low + (high - low) / 2;
-        if (path->keys[middle].time <= time)
+        if (path->keys[middle].time <= time) {
             low = middle;
-        else
+        } else {
             high = middle;
+        }
     }
     return low;
 }

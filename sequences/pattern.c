@@ -102,10 +102,11 @@ static void format_number(const struct placeholder *place, int32_t frame, char *
 {
     const int64_t magnitude = llabs((long long)frame);
 
-    if (place->as_printf)
+    if (place->as_printf) {
         (void)snprintf(out, size, "%0*" PRId32, place->width, frame);
-    else
+    } else {
         (void)snprintf(out, size, "%s%0*" PRId64, frame < 0 ? "-" : "", place->width, magnitude);
+    }
 }
 
 kl_status kl_pattern_format(const char *pattern, int32_t frame, bool many, char *out, size_t size,

@@ -47,10 +47,11 @@ static kl_status look(const struct kl_plan_options *options, struct kl_plan_fram
     if (options->read == NULL) return KL_OK;
     kl_status st = options->read(options->context, frame->path, &complete, text, err);
     if (st != KL_OK) return st;
-    if (!complete)
+    if (!complete) {
         frame->found = KL_PLAN_INCOMPLETE;
-    else if (strcmp(text, frame->fingerprint) == 0)
+    } else if (strcmp(text, frame->fingerprint) == 0) {
         frame->found = KL_PLAN_DONE;
+    }
     return KL_OK;
 }
 

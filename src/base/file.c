@@ -178,7 +178,7 @@ void kl_file_temp_discard(struct kl_file_temp *file)
 
 kl_status kl_file_replace(const char *path, const void *data, size_t size, struct kl_err *err)
 {
-    struct kl_file_temp file;
+    struct kl_file_temp file = {.dir_fd = -1, .fd = -1};
     kl_status st = kl_file_temp_open(path, &file, err);
 
     if (st != KL_OK) return st;

@@ -16,9 +16,10 @@ extern "C" {
 kl_status kl_exr_write(const char *path, const struct kl_image *image,
                        struct kl_err *err) KL_MUST_CHECK;
 
-/* Read part 0 of a scan-line or tiled file (level 0), any compression, the pixels of its data
- * window. Attributes of types that struct kl_attribute does not have are left out. *out is the
- * caller's. KL_ERR_INPUT: not an EXR file, deep, subsampled, incomplete or too large. */
+/* Read part 0 of a scan-line or tiled file (level 0), any compression but DWA (the library's C
+ * core has none), the pixels of its data window. Attributes of types that struct kl_attribute does
+ * not have are left out. *out is the caller's. KL_ERR_INPUT: not an EXR file, deep, subsampled,
+ * incomplete or too large. */
 kl_status kl_exr_read(const char *path, struct kl_image **out, struct kl_err *err) KL_MUST_CHECK;
 
 /* Size and attributes only: *out has no channels. *complete says

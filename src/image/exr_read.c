@@ -41,11 +41,10 @@ static kl_status open_file(struct reader *reader, const char *path, struct kl_er
     return check(reader, exr_start_read(&reader->file, path, &setup), err);
 }
 
-/* Compressors that cannot shrink by more than deflate's 1032:1; the others have no such bound. */
+/* PIZ has no bound on how far it shrinks; no other one gets beyond deflate's 1032:1. */
 static bool is_bounded(exr_compression_t compression)
 {
-    return compression != EXR_COMPRESSION_PIZ && compression != EXR_COMPRESSION_DWAA &&
-           compression != EXR_COMPRESSION_DWAB;
+    return compression != EXR_COMPRESSION_PIZ;
 }
 
 /* Limits first, so that a few hostile bytes cannot make us allocate gigabytes. */
@@ -57,6 +56,9 @@ static kl_status check_size(struct reader *reader, int64_t width, int64_t height
     kl_status st = check(reader, exr_get_compression(reader->file, 0, &compression), err);
 
     if (st != KL_OK) return st;
+    if (compression == EXR_COMPRESSION_DWAA || compression == EXR_COMPRESSION_DWAB) {
+        return kl_fail(err, KL_ERR_INPUT, "DWA compression is not read: save it with ZIP or PIZ");
+    }
     if (reader->channels->num_channels > KL_IMAGE_MAX_CHANNELS || values > KL_IMAGE_MAX_VALUES) {
         return kl_fail(err, KL_ERR_INPUT, "%" PRId64 " x %" PRId64 " x %d channels: too large",
                        width, height, reader->channels->num_channels);
@@ -253,10 +255,11 @@ static exr_result_t decode_chunk(struct reader *reader, const exr_chunk_info_t *
     exr_result_t r = check_chunk(reader, chunk, NULL);
 
     if (r != EXR_ERR_SUCCESS) return r;
-    if (decoding->started)
+    if (decoding->started) {
         r = exr_decoding_update(reader->file, 0, chunk, pipeline);
-    else
+    } else {
         r = exr_decoding_initialize(reader->file, 0, chunk, pipeline);
+    }
     if (r != EXR_ERR_SUCCESS) return r;
 
     /* Scan lines count from the data window's top, tiles from its corner in tile numbers. */

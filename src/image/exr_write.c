@@ -65,10 +65,11 @@ static exr_result_t put_attributes(exr_context_t file, const struct kl_image *im
     const struct kl_attribute *chroma = kl_image_get_attribute(image, "chromaticities");
     exr_result_t r = EXR_ERR_SUCCESS;
 
-    if (chroma == NULL)
+    if (chroma == NULL) {
         r = exr_attr_set_chromaticities(file, 0, "chromaticities", &rec709);
-    else
+    } else {
         r = put_attribute(file, chroma);
+    }
     for (int pass = 0; pass < 2; ++pass) {
         for (size_t i = 0; i < image->attribute_count && r == EXR_ERR_SUCCESS; ++i) {
             const struct kl_attribute *a = &image->attributes[i];
@@ -139,10 +140,11 @@ static exr_result_t put_chunk(exr_context_t file, const struct kl_image *image,
     exr_result_t r = exr_write_scanline_chunk_info(file, 0, (int)y, &chunk);
 
     if (r != EXR_ERR_SUCCESS) return r;
-    if (y == 0)
+    if (y == 0) {
         r = exr_encoding_initialize(file, 0, &chunk, encoder);
-    else
+    } else {
         r = exr_encoding_update(file, 0, &chunk, encoder);
+    }
     if (r != EXR_ERR_SUCCESS) return r;
     const size_t chunk_values = (size_t)chunk.height * image->width;
     for (size_t i = 0; i < image->channel_count; ++i) {
@@ -209,20 +211,22 @@ kl_status kl_exr_write(const char *path, const struct kl_image *image, struct kl
     const struct kl_channel **sorted = NULL;
 
     if (image->channel_count == 0) return kl_fail(err, KL_ERR_USAGE, "%s: no channels", path);
-    kl_status st = kl_alloc_array(&sorted, image->channel_count, sizeof *sorted, err);
+    const size_t item = sizeof *sorted; /* NOLINT(bugprone-sizeof-expression): of pointers */
+    kl_status st = kl_alloc_array(&sorted, image->channel_count, item, err);
     if (st != KL_OK) return st;
     for (size_t i = 0; i < image->channel_count; ++i)
         sorted[i] = &image->channels[i];
-    qsort(sorted, image->channel_count, sizeof *sorted, compare_channels);
+    qsort(sorted, image->channel_count, item, compare_channels);
 
     st = kl_file_temp_open(path, &file, err);
     if (st == KL_OK) {
         stream.fd = file.fd;
         st = write_stream(&stream, path, image, sorted, err);
-        if (st == KL_OK)
+        if (st == KL_OK) {
             st = kl_file_temp_commit(&file, err);
-        else
+        } else {
             kl_file_temp_discard(&file);
+        }
     }
     free(sorted);
     return st == KL_OK ? KL_OK : kl_wrap(err, "%s", path);

@@ -145,10 +145,11 @@ static void balance(struct kernel *k)
     float minus = 0.0f;
 
     for (int i = 0; i <= 2 * k->radius; ++i) {
-        if (k->weight[i] > 0.0f)
+        if (k->weight[i] > 0.0f) {
             plus += k->weight[i];
-        else
+        } else {
             minus -= k->weight[i];
+        }
     }
     for (int i = 0; i <= 2 * k->radius; ++i) {
         const float scale = k->weight[i] > 0.0f ? plus : minus;
@@ -362,7 +363,7 @@ static kl_status setup(struct work *w, const struct kl_flip_images *images, floa
     w->height = images->height;
     setup_csf(w, ppd);
     setup_features(w, ppd);
-    kl_status st = kl_alloc_array(&w->memory, count * PLANES + w->width + 2 * MAX_RADIUS,
+    kl_status st = kl_alloc_array(&w->memory, count * PLANES + w->width + (size_t)2 * MAX_RADIUS,
                                   sizeof *w->memory, err);
     if (st != KL_OK) return st;
     float *next = w->memory;

@@ -75,10 +75,11 @@ kl_status kl_image_add_channel(struct kl_image *image, const char *name, enum kl
     memset(channel, 0, sizeof *channel);
     memcpy(channel->name, name, strlen(name) + 1);
     channel->pixel = pixel;
-    if (pixel == KL_PIXEL_UINT)
+    if (pixel == KL_PIXEL_UINT) {
         channel->uints = values;
-    else
+    } else {
         channel->data = values;
+    }
     if (data != NULL) memcpy(data, &values, sizeof values);
     return KL_OK;
 }
@@ -128,10 +129,11 @@ kl_status kl_image_set(struct kl_image *image, const struct kl_attribute *attrib
         if (st != KL_OK) return st;
     }
     struct kl_attribute *slot = find_attribute(image, attribute->name);
-    if (slot == NULL)
+    if (slot == NULL) {
         slot = &image->attributes[image->attribute_count++];
-    else if (slot->type == KL_ATTRIBUTE_STRING)
+    } else if (slot->type == KL_ATTRIBUTE_STRING) {
         free(slot->value.string);
+    }
     *slot = *attribute;
     if (text != NULL) slot->value.string = text;
     return KL_OK;

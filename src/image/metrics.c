@@ -20,10 +20,11 @@ static void sum_add(struct sum *s, double x)
 {
     const double t = s->total + x;
 
-    if (fabs(s->total) >= fabs(x))
+    if (fabs(s->total) >= fabs(x)) {
         s->lost += (s->total - t) + x;
-    else
+    } else {
         s->lost += (x - t) + s->total;
+    }
     s->total = t;
 }
 
@@ -52,12 +53,13 @@ static kl_status mark_pixels(struct pair *p, float mask_above, struct kl_metrics
             bad = bad || !isfinite(p->test[c][i]) || !isfinite(p->reference[c][i]);
             masked = masked || (mask_above > 0.0f && p->reference[c][i] > mask_above);
         }
-        if (bad)
+        if (bad) {
             ++out->bad_pixels;
-        else if (masked)
+        } else if (masked) {
             ++out->masked_pixels;
-        else
+        } else {
             p->counts[i] = 1;
+        }
     }
     out->pixels = p->count - out->bad_pixels - out->masked_pixels;
     if (out->pixels == 0) {
