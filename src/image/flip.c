@@ -356,8 +356,9 @@ static kl_status setup(struct work *w, const struct kl_flip_images *images, floa
 
     memset(w, 0, sizeof *w);
     if (!(ppd >= 1.0f && ppd <= 200.0f)) {
-        return kl_fail(err, KL_ERR_USAGE, "FLIP: %g pixels per degree is not within 1 to 200",
-                       (double)ppd);
+        (void)kl_fail(err, KL_ERR_USAGE, "FLIP: %g pixels per degree is not within 1 to 200",
+                      (double)ppd);
+        return KL_ERR_USAGE; /* said outright, for the static analyzer */
     }
     w->width = images->width;
     w->height = images->height;
