@@ -1,0 +1,5 @@
+kl_test(test_import_accessor SOURCES test_import_accessor.cpp LINK kl_import)
+kl_test(test_import_mesh SOURCES test_import_mesh.cpp LINK kl_import)
+kl_test(test_import_scene SOURCES test_import_scene.cpp LINK kl_import)
+kl_test(test_import_data SOURCES test_import_data.cpp LINK kl_import)
+kl_test(test_import_environment SOURCES test_import_environment.c LINK kl_import m)

@@ -1,0 +1,2 @@
+kl_test(test_scene_pose SOURCES test_scene_pose.c LINK kl_scene m)
+kl_test(test_scene_deform SOURCES test_scene_deform.c LINK kl_scene m)
