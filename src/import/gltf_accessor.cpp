@@ -213,16 +213,16 @@ std::vector<T> read_values(kl_gltf_import &in, const tinygltf::Accessor &accesso
     if (accessor.bufferView < 0 && count > max_zeros) {
         kl_import_refuse("%s: %zu elements without a bufferView", place.c_str(), count);
     }
-    if (total > in.number_budget) {
-        kl_import_refuse("%s: the accessors of this file hold too many numbers", place.c_str());
-    }
-    in.number_budget -= total;
     const size_t element_size = component_size(accessor.componentType) * width;
     const element_run run =
         find_elements(in, accessor.bufferView, accessor.byteOffset, count, element_size, place);
     if (run.first == nullptr && count > max_zeros) {
         kl_import_refuse("%s: %zu elements without bytes", place.c_str(), count);
     }
+    if (total > in.number_budget) {
+        kl_import_refuse("%s: the accessors of this file hold too many numbers", place.c_str());
+    }
+    in.number_budget -= total;
     std::vector<T> values(static_cast<size_t>(total));
     read_run(run, accessor, width, count, values.data());
     if (accessor.sparse.isSparse) read_sparse(in, accessor, width, place, values);
