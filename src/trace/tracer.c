@@ -136,13 +136,17 @@ void kl_tracer_destroy(struct kl_tracer *tracer)
     free(tracer);
 }
 
+/* Embree counts a hit at exactly tnear, our range is open: a ray that starts in a surface's plane
+ * does not hit it. */
 static struct RTCRay make_ray(const kl_ray *ray)
 {
+    const float least = 1e-30f;
+
     return (struct RTCRay){
         .org_x = ray->origin.x,
         .org_y = ray->origin.y,
         .org_z = ray->origin.z,
-        .tnear = ray->tmin,
+        .tnear = ray->tmin > least ? ray->tmin : least,
         .dir_x = ray->dir.x,
         .dir_y = ray->dir.y,
         .dir_z = ray->dir.z,
