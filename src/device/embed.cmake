@@ -1,4 +1,4 @@
-# cmake -DOUT=file.c -DDIR=<source root> "-DFILES=kernels/a.h;..." -P embed.cmake: the files as C arrays.
+# cmake -DOUT=file.c -DDIR=<root> "-DFILES=kernels/a.h;..." -P embed.cmake: files as C arrays.
 set(text "#include \"src/device/kernel_sources.h\"\n\n")
 set(table "const struct kl_kernel_source kl_kernel_sources[] = {\n")
 set(n 0)
