@@ -80,13 +80,18 @@ static kl_status check_octree(const struct kl_store_level *level, struct kl_err 
     kl_status st = check_octree_header(level, err);
 
     if (st != KL_OK) return st;
+    if (size < KL_DIRECTORY_SIZE) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u row items, the directory alone has %d", size,
+                       KL_DIRECTORY_SIZE);
+    }
     st = kl_alloc_array(&runs, (size_t)size + 1, sizeof *runs, err); /* runs[size] is 0 */
     if (st != KL_OK) return st;
     find_runs(level, runs);
     for (kl_u32 i = 0; i < level->octree.slot_count; ++i) {
         const kl_octree_slot *slot = &level->slots[i];
         if (slot->tag == 0) continue;
-        if (slot->row >= size || level->rows[slot->row] > runs[slot->row + 1]) {
+        /* A check word, a count, then as many record numbers. */
+        if (slot->row >= size - 1 || level->rows[slot->row + 1] > runs[slot->row + 2]) {
             st = kl_fail(err, KL_ERR_CORRUPT, "octree: slot %u: bad row at %u of %u", i, slot->row,
                          size);
             break;

@@ -36,20 +36,28 @@ typedef struct kl_record_cold {
 KL_ASSERT_SIZE(kl_record_cold, 64);
 #define KL_CLEARANCE_REACH 2.0f
 
+#define KL_DIRECTORY_BITS 5 /* the root cube has 32^3 directory cells */
+#define KL_DIRECTORY_SIZE 32768
+
 /* Index of one bounce level: a multi-level grid hashed by cell, that is a linear octree (methods:
  * Warren and Salmon, "A parallel hashed oct-tree N-body algorithm", 1993). Cell edge at level l is
- * side / 2^l. A record lies in every cell of its level that its disc touches. */
+ * side / 2^l. A record lies in every cell of its level that its disc touches, once for each of the
+ * six faces of the direction cube that normals it may serve point to: surfaces that meet at an edge
+ * do not get in each other's way.
+ * A coarse directory says which levels have anything near, so that a query probes only those. */
 typedef struct kl_octree_header {
     float root_min[3];    /* [m], render space */
     float side;           /* [m] edge of the root cube, a power of two */
     kl_u32 level_mask;    /* bit l: some record lives on level l */
     kl_u32 slot_count;    /* power of two */
-    kl_u32 row_size;      /* entries in rows */
+    kl_u32 row_size;      /* entries in rows; the first KL_DIRECTORY_SIZE are the directory: masks
+                           * of the levels with cells in or around each directory cell */
     kl_u32 record_count;
     kl_u32 salt;          /* of the cell hash, chosen so that no two cells look alike */
     float reach;          /* radii were enlarged by this factor when the cells were filled */
     float accuracy;       /* radius over raw radius that the records' radii were made with */
-    kl_u32 pad[5];
+    float cos_max;        /* ditto: largest angle between normals that queries allow */
+    kl_u32 pad[4];
 } kl_octree_header;
 KL_ASSERT_SIZE(kl_octree_header, 64);
 

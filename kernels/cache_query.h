@@ -5,7 +5,7 @@
 #include "kernels/cache_data.h"
 #include "kernels/sampling.h"
 
-#define KL_OCTREE_MAX_LEVEL 19
+#define KL_OCTREE_MAX_LEVEL 17
 #define KL_BEHIND_TOLERANCE 0.1f /* of the radius: methods of Ward 1988, relative here */
 #define KL_SLAB             0.4f /* height above the record's plane, in radii: same surface */
 #define KL_MIN_EXTRAPOLATION 0.05f
@@ -15,6 +15,7 @@
 typedef struct kl_query {
     float reach;   /* radii are multiplied by this; at most the octree's own */
     float cos_max; /* cosine of the largest angle between normals */
+    float enough;  /* stop at this sum of weights: finest records come first */
 } kl_query;
 
 typedef struct kl_answer {
@@ -24,30 +25,41 @@ typedef struct kl_answer {
     float radius;  /* [m] of the nearest-weighted records, weighted mean */
 } kl_answer;
 
-/* 32 bits of hash for a cell, never 0. */
-KL_FN kl_u32 kl_cell_tag(kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z, kl_u32 salt)
+/* Face of the direction cube that a normal points to: 2 * axis, + 1 if negative. */
+KL_FN kl_u32 kl_normal_face(kl_vec3 n)
+{
+    const float ax = kl_fabs(n.x);
+    const float ay = kl_fabs(n.y);
+    const float az = kl_fabs(n.z);
+    if (ax >= ay && ax >= az) return n.x < 0.0f ? 1u : 0u;
+    if (ay >= az) return n.y < 0.0f ? 3u : 2u;
+    return n.z < 0.0f ? 5u : 4u;
+}
+
+/* 32 bits of hash for a cell, never 0. `kind`: 8 * level + face. */
+KL_FN kl_u32 kl_cell_tag(kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z, kl_u32 salt)
 {
     kl_u32 h = kl_hash((kl_u32)x + salt);
     h = kl_hash(h ^ ((kl_u32)y * 0x9e3779b1u));
-    h = kl_hash(h ^ ((kl_u32)z * 0x85ebca77u) ^ (level << 27));
+    h = kl_hash(h ^ ((kl_u32)z * 0x85ebca77u) ^ (kind << 24));
     return h ? h : 1u;
 }
 /* 32 more bits: the first word of the cell's row. */
-KL_FN kl_u32 kl_cell_check(kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z)
+KL_FN kl_u32 kl_cell_check(kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z)
 {
     return kl_hash((kl_u32)x * 0xc2b2ae3du + kl_hash((kl_u32)y * 0x27d4eb2fu +
-                                                     kl_hash((kl_u32)z + (level << 27))));
+                                                     kl_hash((kl_u32)z + (kind << 24))));
 }
 
 /* Row of a cell (its count and records), or KL_NONE. */
-KL_FN kl_u32 kl_octree_find(const kl_level_view *c, kl_u32 level, kl_i32 x, kl_i32 y, kl_i32 z)
+KL_FN kl_u32 kl_octree_find(const kl_level_view *c, kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z)
 {
     const kl_u32 mask = c->head.slot_count - 1u;
-    const kl_u32 tag = kl_cell_tag(level, x, y, z, c->head.salt);
+    const kl_u32 tag = kl_cell_tag(kind, x, y, z, c->head.salt);
     kl_u32 i = tag & mask;
     for (kl_u32 n = 0; n <= mask; ++n) {
         const kl_u32 here = c->slots[i].tag;
-        if (here == tag && c->rows[c->slots[i].row] == kl_cell_check(level, x, y, z)) {
+        if (here == tag && c->rows[c->slots[i].row] == kl_cell_check(kind, x, y, z)) {
             return c->slots[i].row + 1u;
         }
         if (here == 0u) return KL_NONE;
@@ -86,13 +98,22 @@ KL_FN float kl_record_weight(const KL_GLOBAL kl_record_hot *r, kl_vec3 p, kl_vec
            (1.0f - q->cos_max);
 }
 
+/* One of KL_SECTORS azimuths for a direction in a record's frame: quadrant, then quarter of it. */
+KL_FN kl_u32 kl_sector_of(float x, float y)
+{
+    const float ax = kl_fabs(x);
+    const float ay = kl_fabs(y);
+    const kl_u32 quadrant = (x < 0.0f ? 1u : 0u) + (y < 0.0f ? 2u : 0u);
+    const kl_u32 quarter = (ay > 0.414213562f * ax ? 1u : 0u) + (ay > ax ? 1u : 0u) +
+                           (ay > 2.414213562f * ax ? 1u : 0u); /* tan of 22.5, 45, 67.5 degrees */
+    return 4u * quadrant + quarter;
+}
+
 /* Is the horizon blocked between the record and a point at local offset (x, y)? Uses the distances
  * that the record's lowest gather rays found, so a thin wall stops the record without any ray. */
 KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, float x, float y)
 {
-    const float turn = kl_atan2(y, x) * (0.5f * KL_INV_PI) + 1.0f;
-    const kl_u32 sector = (kl_u32)(turn * (float)KL_SECTORS) & (KL_SECTORS - 1u);
-    const kl_u32 code = c->clearance[sector];
+    const kl_u32 code = c->clearance[kl_sector_of(x, y)];
     if (code == 255u) return 0;
     const float open = (float)code * (1.0f / 254.0f) * KL_CLEARANCE_REACH * c->raw_radius;
     return x * x + y * y > open * open;
@@ -119,6 +140,17 @@ KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_
     return kl_v3(e[0], e[1], e[2]);
 }
 
+/* Levels that have anything near a point, given relative to the root's corner. */
+KL_FN kl_u32 kl_octree_levels(const kl_level_view *c, kl_vec3 rel)
+{
+    const float cells = (float)(1 << KL_DIRECTORY_BITS);
+    const float scale = cells / c->head.side;
+    const kl_u32 x = (kl_u32)kl_clamp(rel.x * scale, 0.0f, cells - 1.0f);
+    const kl_u32 y = (kl_u32)kl_clamp(rel.y * scale, 0.0f, cells - 1.0f);
+    const kl_u32 z = (kl_u32)kl_clamp(rel.z * scale, 0.0f, cells - 1.0f);
+    return c->rows[(z << (2 * KL_DIRECTORY_BITS)) | (y << KL_DIRECTORY_BITS) | x];
+}
+
 /* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
  * wanted (normal map), reached through the rotational gradient. */
 KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec3 p, kl_vec3 n,
@@ -132,11 +164,12 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     if (c->head.record_count == 0u) return a;
     const kl_vec3 rel = kl_v3_sub(p, kl_v3(c->head.root_min[0], c->head.root_min[1],
                                            c->head.root_min[2]));
-    kl_u32 levels = c->head.level_mask;
-    for (kl_u32 level = 0; levels >> level; ++level) {
+    const kl_u32 levels = kl_octree_levels(c, rel);
+    const kl_u32 face = kl_normal_face(n);
+    for (kl_u32 level = KL_OCTREE_MAX_LEVEL + 1u; level-- > 0u && a.weight < q->enough;) {
         if (!((levels >> level) & 1u)) continue;
         const float scale = (float)(1u << level) / c->head.side;
-        const kl_u32 row = kl_octree_find(c, level, (kl_i32)kl_floor(rel.x * scale),
+        const kl_u32 row = kl_octree_find(c, 8u * level + face, (kl_i32)kl_floor(rel.x * scale),
                                           (kl_i32)kl_floor(rel.y * scale),
                                           (kl_i32)kl_floor(rel.z * scale));
         if (row == KL_NONE) continue;

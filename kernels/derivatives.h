@@ -153,8 +153,7 @@ KL_FN void kl_reduce_clearance(const KL_GLOBAL kl_gather_cell *cells,
             if (d < 0.0f || d >= KL_INF) continue;
             const float px = point->rot_cos * dirs[i].x - point->rot_sin * dirs[i].y;
             const float py = point->rot_sin * dirs[i].x + point->rot_cos * dirs[i].y;
-            const float turn = kl_atan2(py, px) * (0.5f * KL_INV_PI) + 1.0f;
-            const kl_u32 sector = (kl_u32)(turn * (float)KL_SECTORS) & (KL_SECTORS - 1u);
+            const kl_u32 sector = kl_sector_of(px, py);
             out->clearance[sector] =
                 kl_fmin(out->clearance[sector], d * kl_sqrt(px * px + py * py));
         }

@@ -99,7 +99,8 @@ static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err 
         l->hot[i].radius2 = l->hot[i].radius;
     }
     kl_octree_fini(&l->octree);
-    st = kl_octree_build(&c->root, l->hot, n, c->settings.reach, &l->octree, err);
+    const struct kl_octree_limits limits = {c->settings.reach[number], c->settings.cos_max};
+    st = kl_octree_build(&c->root, l->hot, n, &limits, &l->octree, err);
     l->octree.head.accuracy = accuracy;
     serve_owned(l, n);
     return st;
@@ -127,7 +128,7 @@ static bool octree_fits(const struct kl_cache *c, uint32_t level, const kl_octre
 {
     return h->record_count == count && count > 0 && h->side == c->root.side &&
            memcmp(h->root_min, c->root.min, sizeof h->root_min) == 0 &&
-           h->reach == c->settings.reach && h->accuracy == c->settings.accuracy[level];
+           h->reach == c->settings.reach[level] && h->cos_max == c->settings.cos_max && h->accuracy == c->settings.accuracy[level];
 }
 
 kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_cache_part *part,

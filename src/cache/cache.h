@@ -16,7 +16,7 @@ struct kl_cache_settings {
     float center[3];      /* bounding sphere of the scene, render space [m] */
     float scene_radius;
     float accuracy[KL_CACHE_LEVELS]; /* radius over neighbour-clamped raw radius */
-    float reach;          /* largest factor that queries enlarge radii by */
+    float reach[KL_CACHE_LEVELS];    /* largest factor that queries enlarge radii by */
     float cos_max;        /* cosine of the largest angle between normals */
 };
 

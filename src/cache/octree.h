@@ -20,10 +20,17 @@ struct kl_octree_root {
 /* Smallest power-of-two cube about a bounding sphere, with room around it. */
 struct kl_octree_root kl_octree_root_make(const float center[3], float radius);
 
-/* Index `count` records for queries that enlarge radii by up to `reach`. Deterministic. *out is
+/* What the queries may ask. */
+struct kl_octree_limits {
+    float reach;   /* radii enlarged by up to this */
+    float cos_max; /* normals apart by up to this angle's cosine */
+};
+
+/* Index `count` records. Deterministic. *out is
  * overwritten; free with kl_octree_fini. */
 kl_status kl_octree_build(const struct kl_octree_root *root, const kl_record_hot *hot,
-                          uint32_t count, float reach, struct kl_octree *out,
+                          uint32_t count, const struct kl_octree_limits *limits,
+                          struct kl_octree *out,
                           struct kl_err *err) KL_MUST_CHECK;
 void kl_octree_fini(struct kl_octree *octree);
 

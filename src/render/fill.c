@@ -22,20 +22,19 @@ static float coverage(const struct kl_fill_job *job, const kl_level_view *view,
     return kl_cache_query(view, &job->query, p->pos, p->smooth, p->smooth).weight;
 }
 
-/* Keep the points that are not served well enough, in order. */
-static size_t keep_uncovered(const struct kl_fill_job *job, uint32_t level,
-                             struct kl_point *points, size_t count, struct kl_err *err)
+/* Copy the points that are not served well enough to `out`, which may be `points`; their number. */
+static size_t find_uncovered(const struct kl_fill_job *job, uint32_t level,
+                             struct kl_point *points, size_t count, struct kl_point *out)
 {
     const kl_level_view view = kl_cache_view(job->cache, level);
     size_t kept = 0;
 
-    (void)err;
 #pragma omp parallel for schedule(dynamic, 256)
     for (size_t i = 0; i < count; ++i) {
         points[i].covered = coverage(job, &view, &points[i]) >= job->least_weight;
     }
     for (size_t i = 0; i < count; ++i) {
-        if (!points[i].covered) points[kept++] = points[i];
+        if (!points[i].covered) out[kept++] = points[i];
     }
     return kept;
 }
@@ -165,69 +164,81 @@ static kl_status choose(const struct kl_fill_job *job, uint32_t level, const str
     return st;
 }
 
-/* Place records until at most `allowed` of the points are without. */
-static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, struct kl_point *points,
-                             size_t count, size_t allowed, int stage, double done, double share,
+struct stage { /* where a set of points stands in the whole, for progress */
+    int number;
+    double done, share;
+};
+
+/* Place records until at most `allowed` of the points are without. Radii of old records shrink as
+ * new ones come near: what counts is a look at all points that finds few enough. */
+static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, struct kl_point *all,
+                             size_t count, size_t allowed, const struct stage *stage,
                              struct kl_fill_stats *stats, struct kl_err *err)
 {
-    const size_t first = count;
-    kl_status st = KL_OK;
-    for (int pass = 0; st == KL_OK && pass < MAX_PASSES && count > allowed; ++pass) {
+    struct kl_point *left = NULL;
+    kl_status st = kl_alloc_array(&left, count, sizeof *left, err);
+    const double start = kl_seconds();
+    size_t n = st == KL_OK ? find_uncovered(job, level, all, count, left) : 0;
+    const size_t first = n > 0 ? n : 1;
+
+    stats->visibility_seconds += kl_seconds() - start;
+    for (int pass = 0; st == KL_OK && pass < MAX_PASSES && n > allowed; ++pass) {
         struct kl_candidate *chosen = NULL;
         size_t kept = 0;
         const bool early = kl_cache_count(job->cache, level) < FIRST_BATCH;
         const size_t limit = early && job->batch > FIRST_BATCH ? FIRST_BATCH : job->batch;
-        st = choose(job, level, points, count, limit, &chosen, &kept, err);
+        st = choose(job, level, left, n, limit, &chosen, &kept, err);
         if (st == KL_OK) st = gather_and_insert(job, level, chosen, kept, stats, err);
         free(chosen);
         if (st != KL_OK) break;
-        count = keep_uncovered(job, level, points, count, err);
-        const double progress = done + share * (1.0 - (double)count / (double)first);
-        if (job->progress != NULL && job->progress(job->progress_context, stage, progress,
+        n = find_uncovered(job, level, left, n, left);
+        if (n <= allowed) n = find_uncovered(job, level, all, count, left);
+        const double progress = stage->done + stage->share * (1.0 - (double)n / (double)first);
+        if (job->progress != NULL && job->progress(job->progress_context, stage->number, progress,
                                                    kl_cache_count(job->cache, level))) {
             st = kl_fail(err, KL_ERR_INTERRUPTED, "interrupted");
         }
     }
+    if (level == 0 && count > 0) stats->uncovered = fmax(stats->uncovered, (double)n / (double)count);
+    free(left);
     return st;
 }
 
 static kl_status fill_world(const struct kl_fill_job *job, struct kl_fill_stats *stats,
                             struct kl_err *err)
 {
+    static const struct stage stage = {0, 0.0, 1.0};
     struct kl_point *points = NULL;
     size_t count = 0;
-    double start = kl_seconds();
+    const double start = kl_seconds();
     kl_status st = kl_fill_world_points(job, &points, &count, err);
     if (st != KL_OK) return st;
     stats->visibility_seconds += kl_seconds() - start;
-    const size_t allowed = (size_t)(0.01 * (double)count);
-    const size_t left = keep_uncovered(job, 1, points, count, err);
-    st = fill_points(job, 1, points, left, allowed, 0, 0.0, 1.0, stats, err);
+    st = fill_points(job, 1, points, count, (size_t)(0.01 * (double)count), &stage, stats, err);
     free(points);
     return st;
 }
 
-static kl_status fill_camera(const struct kl_fill_job *job, uint32_t camera, double done,
-                             double share, struct kl_fill_stats *stats, struct kl_err *err)
+static kl_status fill_camera(const struct kl_fill_job *job, uint32_t camera,
+                             struct kl_fill_stats *stats, struct kl_err *err)
 {
+    const double share = 1.0 / job->camera_count;
+    const struct stage stage = {1, camera * share, share};
     struct kl_point *points = NULL;
     size_t count = 0;
     const double start = kl_seconds();
     kl_status st = kl_fill_screen_points(job, camera, &points, &count, err);
     if (st != KL_OK) return st;
     stats->primary_rays += (uint64_t)job->cameras[camera].width * job->cameras[camera].height;
-    const size_t allowed = (size_t)((double)job->uncovered * (double)count);
-    const size_t left = keep_uncovered(job, 0, points, count, err);
     stats->visibility_seconds += kl_seconds() - start;
-    if (count > 0) stats->uncovered = fmax(stats->uncovered, (double)left / (double)count);
-    st = fill_points(job, 0, points, left, allowed, 1, done, share, stats, err);
+    const size_t allowed = (size_t)((double)job->uncovered * (double)count);
+    st = fill_points(job, 0, points, count, allowed, &stage, stats, err);
     free(points);
     return st;
 }
 
 kl_status kl_fill(const struct kl_fill_job *job, struct kl_fill_stats *stats, struct kl_err *err)
 {
-    const double share = job->camera_count > 0 ? 1.0 / job->camera_count : 1.0;
     kl_status st = fill_world(job, stats, err);
 
     /* A record placed for one frame can shrink its neighbours in another: go round until a whole
@@ -236,7 +247,7 @@ kl_status kl_fill(const struct kl_fill_job *job, struct kl_fill_stats *stats, st
         const uint32_t before = kl_cache_count(job->cache, 0);
         stats->uncovered = 0.0;
         for (uint32_t i = 0; st == KL_OK && i < job->camera_count; ++i) {
-            st = fill_camera(job, i, i * share, share, stats, err);
+            st = fill_camera(job, i, stats, err);
         }
         if (kl_cache_count(job->cache, 0) == before) break;
     }

@@ -26,7 +26,8 @@ static double determinant3(const double m[16])
            m[8] * (m[1] * m[6] - m[5] * m[2]);
 }
 
-/* Inverse times determinant, transposed: maps normals, also where the matrix is singular. */
+/* Inverse times determinant, transposed, column major: maps normals, also where the matrix is
+ * singular. */
 static void cofactors(const double m[16], double c[9])
 {
     c[0] = m[5] * m[10] - m[9] * m[6];
@@ -194,8 +195,8 @@ static void merge_vertices(struct kl_flat *flat, const struct kl_mesh *mesh,
         }
         double normal[3];
         for (int r = 0; r < 3; ++r) {
-            normal[r] = sign * (c[3 * r] * (double)n[0] + c[3 * r + 1] * (double)n[1] +
-                                c[3 * r + 2] * (double)n[2]);
+            normal[r] = sign * (c[r] * (double)n[0] + c[3 + r] * (double)n[1] +
+                                c[6 + r] * (double)n[2]);
         }
         store_unit(flat->normals + 3 * (first + v), normal[0], normal[1], normal[2]);
         if (flat->tangents == NULL || tangents == NULL) continue;
@@ -219,7 +220,7 @@ static void set_instance(kl_instance *out, const double m[16], const double orig
     for (int r = 0; r < 3; ++r) {
         double shift = 0.0;
         for (int k = 0; k < 3; ++k) {
-            const double inverse = c[3 * k + r] / det; /* adjugate: transposed cofactors */
+            const double inverse = c[3 * r + k] / det; /* adjugate: transposed cofactors */
             out->render_from_object[4 * r + k] = (float)m[4 * k + r];
             out->object_from_render[4 * r + k] = (float)inverse;
             shift -= inverse * t[k];

@@ -1,0 +1,377 @@
+#include "src/render/renderer.h"
+
+#include "src/base/clock.h"
+#include "src/base/hash.h"
+#include "src/base/memory.h"
+#include "src/render/gatherer.h"
+#include "src/scene/digest.h"
+#include "src/scene/flat.h"
+#include "src/trace/tracer.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Changes whenever the same scene and settings would give other records. */
+static const uint32_t algorithm_version = 1;
+
+static const float reach = 1.4f;          /* second-pass smoothing: methods of Krivanek 2008 */
+static const float cos_max = 0.9394f;     /* cos(0.35 rad): normals share records up to 20 degrees */
+static const float least_weight = 0.3f;
+static const float spacing_px = 1.5f;
+static const float uncovered = 5e-4f;
+static const float length_scale = 2.0f;
+static const float gather_weight = 0.8f;
+enum { BATCH = 4096, LEVEL1_SIDE = 16, DEFAULT_RAYS = 1024 };
+
+struct kl_renderer {
+    const struct kl_scene *scene; /* borrowed */
+    struct kl_renderer_settings settings;
+    bool moving, ready;
+    double origin[3];
+    float accuracy[KL_CACHE_LEVELS];
+    struct kl_flat *flat;
+    struct kl_tracer *tracer;
+    struct kl_gatherer *gatherer;
+    struct kl_gather_tables *tables[KL_CACHE_LEVELS];
+    uint8_t scene_digest[KL_HASH_SIZE], settings_digest[KL_HASH_SIZE];
+    struct kl_cache *cache; /* declared before the store it may borrow from: closed first */
+    struct kl_store *store;
+};
+
+/* Radius over raw radius for an error to aim at. The first-order extrapolation is off by about
+ * (d / R)^2 / 8 of the irradiance at distance d: solve for the radius at which that is the error. */
+static float accuracy_for(double error)
+{
+    return (float)fmin(1.0, sqrt(8.0 * error));
+}
+
+static uint32_t side_for(uint32_t rays)
+{
+    uint32_t side = 4;
+    while (side < 256 && side * side < rays) {
+        side *= 2;
+    }
+    return side;
+}
+
+static void digest_settings(struct kl_renderer *r)
+{
+    const uint32_t numbers[] = {algorithm_version, r->tables[0]->side, r->tables[1]->side};
+    const float floats[] = {cos_max, length_scale, reach};
+    struct kl_hash h;
+    kl_hash_init(&h);
+    kl_hash_update(&h, numbers, sizeof numbers);
+    kl_hash_update(&h, floats, sizeof floats);
+    kl_hash_finish(&h, r->settings_digest);
+}
+
+kl_status kl_renderer_create(const struct kl_scene *scene,
+                             const struct kl_renderer_settings *settings, struct kl_renderer **out,
+                             struct kl_err *err)
+{
+    struct kl_renderer *r = NULL;
+    struct kl_pose *pose = NULL;
+    kl_status st = kl_alloc_array(&r, 1, sizeof *r, err);
+
+    if (st != KL_OK) return st;
+    r->scene = scene;
+    r->settings = *settings;
+    if (r->settings.error <= 0.0) r->settings.error = 0.02;
+    if (r->settings.rays == 0) r->settings.rays = DEFAULT_RAYS;
+    r->moving = kl_scene_is_moving(scene, settings->animation);
+    r->accuracy[0] = accuracy_for(r->settings.error);
+    r->accuracy[1] = fminf(1.0f, 2.0f * r->accuracy[0]);
+    st = kl_pose_create(scene, settings->animation, 0.0, &pose, err);
+    if (st == KL_OK) st = kl_flat_choose_origin(scene, pose, r->origin, err);
+    if (st == KL_OK) {
+        st = kl_gather_tables_create(side_for(r->settings.rays), &r->tables[0], err);
+    }
+    if (st == KL_OK) st = kl_gather_tables_create(LEVEL1_SIDE, &r->tables[1], err);
+    kl_pose_destroy(pose);
+    if (st != KL_OK) {
+        kl_renderer_destroy(r);
+        return st;
+    }
+    digest_settings(r);
+    *out = r;
+    return KL_OK;
+}
+
+static void close_cache(struct kl_renderer *r)
+{
+    kl_cache_destroy(r->cache);
+    kl_store_close(r->store);
+    r->cache = NULL;
+    r->store = NULL;
+}
+
+static void leave_instant(struct kl_renderer *r)
+{
+    close_cache(r);
+    kl_gatherer_destroy(r->gatherer);
+    kl_tracer_destroy(r->tracer);
+    kl_flat_destroy(r->flat);
+    r->gatherer = NULL;
+    r->tracer = NULL;
+    r->flat = NULL;
+    r->ready = false;
+}
+
+void kl_renderer_destroy(struct kl_renderer *renderer)
+{
+    if (renderer == NULL) return;
+    leave_instant(renderer);
+    for (int i = 0; i < KL_CACHE_LEVELS; ++i) {
+        kl_gather_tables_destroy(renderer->tables[i]);
+    }
+    free(renderer);
+}
+
+bool kl_renderer_is_moving(const struct kl_renderer *renderer)
+{
+    return renderer->moving;
+}
+
+kl_status kl_renderer_set_time(struct kl_renderer *renderer, double time, struct kl_err *err)
+{
+    struct kl_renderer *r = renderer;
+    struct kl_pose *pose = NULL;
+    kl_status st = KL_OK;
+
+    if (r->ready && !r->moving) return KL_OK;
+    leave_instant(r);
+    st = kl_pose_create(r->scene, r->settings.animation, r->moving ? time : 0.0, &pose, err);
+    if (st == KL_OK) st = kl_flat_create(r->scene, pose, r->origin, &r->flat, err);
+    if (st == KL_OK) st = kl_tracer_create(r->flat, &r->tracer, err);
+    if (st == KL_OK && r->settings.indirect == KL_INDIRECT_CACHE) {
+        st = kl_gatherer_create(r->settings.device, r->flat, &r->gatherer, err);
+    }
+    kl_pose_destroy(pose);
+    if (st != KL_OK) {
+        leave_instant(r);
+        return st;
+    }
+    kl_flat_digest(r->flat, r->scene_digest);
+    r->ready = true;
+    return KL_OK;
+}
+
+kl_status kl_renderer_camera(const struct kl_renderer *renderer, uint32_t index, double time,
+                             uint32_t width, uint32_t height, struct kl_camera *out,
+                             struct kl_err *err)
+{
+    struct kl_pose *pose = NULL;
+    kl_status st =
+        kl_pose_create(renderer->scene, renderer->settings.animation, time, &pose, err);
+    if (st != KL_OK) return st;
+    *out = kl_camera_from_scene(renderer->scene, pose, index, renderer->origin, width, height);
+    kl_pose_destroy(pose);
+    return KL_OK;
+}
+
+void kl_renderer_get_origin(const struct kl_renderer *renderer, double origin[3])
+{
+    memcpy(origin, renderer->origin, sizeof renderer->origin);
+}
+
+void kl_renderer_get_bounds(const struct kl_renderer *renderer, double center[3], double *radius)
+{
+    for (int k = 0; k < 3; ++k) {
+        center[k] = renderer->origin[k] + (double)renderer->flat->center[k];
+    }
+    *radius = (double)renderer->flat->radius;
+}
+
+void kl_renderer_get_info(const struct kl_renderer *renderer, struct kl_renderer_info *info)
+{
+    const struct kl_flat *flat = renderer->flat;
+    *info = (struct kl_renderer_info){
+        .needs = flat->view.needs | (renderer->moving ? KL_NEED_MOTION : 0u),
+        .lights = flat->light_count,
+        .device = renderer->gatherer != NULL ? kl_gatherer_get_name(renderer->gatherer) : "embree"};
+    for (uint32_t i = 0; i < flat->instance_count; ++i) {
+        info->triangles += flat->instances[i].triangle_count;
+    }
+    memcpy(info->scene_digest, renderer->scene_digest, KL_DIGEST_SIZE);
+    memcpy(info->settings_digest, renderer->settings_digest, KL_DIGEST_SIZE);
+}
+
+/* Take over what a store holds: a lone base in place, anything else copied and indexed. */
+static kl_status adopt_store(struct kl_renderer *r, struct kl_err *err)
+{
+    const size_t n = kl_store_segment_count(r->store);
+    kl_status st = KL_OK;
+    for (size_t i = 0; st == KL_OK && i < n; ++i) {
+        struct kl_store_segment_info info;
+        struct kl_store_level levels[KL_CACHE_LEVELS];
+        kl_store_segment_get(r->store, i, &info, levels);
+        for (uint32_t l = 0; st == KL_OK && l < KL_CACHE_LEVELS; ++l) {
+            if (levels[l].record_count == 0) continue;
+            const struct kl_cache_part part = {levels[l].record_count, levels[l].hot,
+                                               levels[l].cold,         levels[l].octree,
+                                               levels[l].slots,        levels[l].rows};
+            if (info.is_base && kl_cache_count(r->cache, l) == 0) {
+                st = kl_cache_adopt(r->cache, l, &part, err);
+            } else {
+                st = kl_cache_insert(r->cache, l, part.hot, part.cold, part.record_count, err);
+            }
+        }
+    }
+    return st == KL_OK ? kl_cache_finish(r->cache, err) : st;
+}
+
+/* Directory of the present instant's store. */
+static void store_path(const struct kl_renderer *r, const char *dir, char *out, size_t size)
+{
+    char hex[2 * KL_HASH_SIZE + 1];
+    kl_hash_to_hex(r->scene_digest, KL_HASH_SIZE, hex);
+    if (r->moving) {
+        (void)snprintf(out, size, "%s/t-%.16s", dir, hex);
+    } else {
+        (void)snprintf(out, size, "%s", dir);
+    }
+}
+
+static struct kl_cache_settings cache_settings(const struct kl_renderer *r)
+{
+    struct kl_cache_settings s = {
+        .scene_radius = r->flat->radius, .reach = {reach, 1.0f}, .cos_max = cos_max};
+    memcpy(s.center, r->flat->center, sizeof s.center);
+    memcpy(s.accuracy, r->accuracy, sizeof s.accuracy);
+    return s;
+}
+
+kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
+                                 enum kl_store_mode mode, struct kl_err *err)
+{
+    struct kl_renderer *r = renderer;
+    const struct kl_cache_settings settings = cache_settings(r);
+    kl_status st = KL_OK;
+
+    close_cache(r);
+    st = kl_cache_create(&settings, &r->cache, err);
+    if (st != KL_OK || dir == NULL) return st;
+    struct kl_store_key key;
+    char path[4096];
+    memcpy(key.scene, r->scene_digest, KL_DIGEST_SIZE);
+    memcpy(key.settings, r->settings_digest, KL_DIGEST_SIZE);
+    memcpy(key.origin, r->origin, sizeof key.origin);
+    store_path(r, dir, path, sizeof path);
+    st = kl_store_open(path, mode, &key, &r->store, err);
+    return st == KL_OK ? adopt_store(r, err) : st;
+}
+
+void kl_renderer_get_cache(const struct kl_renderer *renderer, struct kl_cache_state *state)
+{
+    *state = (struct kl_cache_state){0};
+    for (uint32_t l = 0; renderer->cache != NULL && l < KL_CACHE_LEVELS; ++l) {
+        state->records[l] = kl_cache_count(renderer->cache, l);
+    }
+    if (renderer->store == NULL) return;
+    state->generation = kl_store_generation(renderer->store);
+    state->bytes = kl_store_bytes(renderer->store);
+    state->damaged = kl_store_damaged(renderer->store, NULL);
+}
+
+static kl_status keep_batch(void *context, uint32_t level, const kl_record_hot *hot,
+                            const kl_record_cold *cold, uint32_t count, struct kl_err *err)
+{
+    struct kl_renderer *r = context;
+    struct kl_store_level levels[KL_CACHE_LEVELS] = {0};
+    levels[level].record_count = count;
+    levels[level].hot = hot;
+    levels[level].cold = cold;
+    return kl_store_append(r->store, levels, err);
+}
+
+/* Put the finished cache into one base segment and serve from it. */
+static kl_status publish(struct kl_renderer *r, struct kl_err *err)
+{
+    const struct kl_cache_settings settings = cache_settings(r);
+    struct kl_store_level levels[KL_CACHE_LEVELS];
+    kl_status st = KL_OK;
+
+    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
+        const struct kl_cache_part p = kl_cache_part_get(r->cache, l);
+        levels[l] =
+            (struct kl_store_level){p.record_count, p.hot, p.cold, p.octree, p.slots, p.rows};
+    }
+    st = kl_store_publish_base(r->store, levels, err);
+    if (st != KL_OK) return st;
+    kl_cache_destroy(r->cache);
+    r->cache = NULL;
+    st = kl_cache_create(&settings, &r->cache, err);
+    return st == KL_OK ? adopt_store(r, err) : st;
+}
+
+/* Queries of what the camera sees take all records, with enlarged radii; those of gather rays are
+ * averaged over a hemisphere, so a few records do. */
+static kl_query eye_query(void)
+{
+    return (kl_query){reach, cos_max, KL_INF};
+}
+static kl_query gather_query(void)
+{
+    return (kl_query){1.0f, cos_max, gather_weight};
+}
+
+kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_renderer_fill *fill,
+                           struct kl_fill_stats *stats, struct kl_err *err)
+{
+    struct kl_renderer *r = renderer;
+    const bool keep = fill->keep && r->store != NULL;
+    const struct kl_fill_job job = {
+        .scene = &r->flat->view,
+        .cache = r->cache,
+        .scene_radius = r->flat->radius,
+        .cameras = fill->cameras,
+        .camera_count = fill->camera_count,
+        .tables = {r->tables[0], r->tables[1]},
+        .gather = {.query = gather_query(), .length_scale = length_scale},
+        .query = {1.0f, cos_max, KL_INF},
+        .least_weight = least_weight,
+        .spacing_px = spacing_px,
+        .uncovered = uncovered,
+        .batch = BATCH,
+        .gather_batch = kl_gatherer_run,
+        .gather_context = r->gatherer,
+        .keep_batch = keep ? keep_batch : NULL,
+        .keep_context = r,
+        .progress = fill->progress,
+        .progress_context = fill->progress_context,
+    };
+    *stats = (struct kl_fill_stats){0};
+    kl_status st = kl_fill(&job, stats, err);
+    if (st != KL_OK) return st;
+    const double start = kl_seconds();
+    const bool grown = stats->added[0] + stats->added[1] > 0;
+    if (keep && grown) st = publish(r, err);
+    stats->insert_seconds += kl_seconds() - start;
+    return st;
+}
+
+kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_renderer_frame *frame,
+                            struct kl_image *image, struct kl_counts *counts, uint64_t *bad_samples,
+                            struct kl_err *err)
+{
+    const struct kl_renderer *r = renderer;
+    struct kl_frame_job job = {
+        .shade = {.scene = &r->flat->view,
+                  .indirect = r->settings.indirect,
+                  .query = eye_query(),
+                  .gather = {.query = gather_query(), .length_scale = length_scale}},
+        .camera = frame->camera,
+        .before = frame->before,
+        .spp = frame->spp,
+        .seed = kl_hash2(r->settings.seed, (uint32_t)frame->frame),
+        .progress = frame->progress,
+        .progress_context = frame->progress_context,
+    };
+    memcpy(job.origin, r->origin, sizeof job.origin);
+    for (uint32_t l = 0; r->cache != NULL && l < KL_CACHE_LEVELS; ++l) {
+        job.shade.levels[l] = kl_cache_view(r->cache, l);
+    }
+    return kl_frame_render(&job, image, counts, bad_samples, err);
+}

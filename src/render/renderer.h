@@ -1,0 +1,90 @@
+/* A scene made ready to render, with its cache: what commands drive.
+ *
+ * Life: create; set_time; then, with indirect light from a cache, open_cache and fill; then any
+ * number of frames; again from set_time for another instant of a moving scene. */
+#ifndef KL_SRC_RENDER_RENDERER_H
+#define KL_SRC_RENDER_RENDERER_H
+
+#include "cache_io/store.h"
+#include "src/image/image.h"
+#include "src/render/camera.h"
+#include "src/render/fill.h"
+#include "src/render/frame.h"
+#include "src/render/shade.h"
+#include "src/scene/scene.h"
+
+struct kl_renderer;
+
+/* Zero is the default of every field. */
+struct kl_renderer_settings {
+    enum kl_indirect indirect;
+    const char *device;      /* who gathers: "auto" (NULL), "embree", "opencl", "opencl:N" */
+    double error;            /* relative error of indirect irradiance to aim at; 0: 0.02 */
+    uint32_t rays;           /* gather rays of a record seen from the camera, a power of 4; 0: 1024 */
+    uint32_t seed;           /* of the image samples */
+    uint32_t animation;      /* of the scene, KL_NONE: all of them */
+};
+
+kl_status kl_renderer_create(const struct kl_scene *scene,
+                             const struct kl_renderer_settings *settings, struct kl_renderer **out,
+                             struct kl_err *err) KL_MUST_CHECK;
+void kl_renderer_destroy(struct kl_renderer *renderer); /* accepts NULL */
+
+/* Go to an instant [s]. Cheap where nothing but cameras moves (after the first call): the cache
+ * stays open. In a moving scene geometry is built anew and an open cache is closed. */
+kl_status kl_renderer_set_time(struct kl_renderer *renderer, double time,
+                               struct kl_err *err) KL_MUST_CHECK;
+bool kl_renderer_is_moving(const struct kl_renderer *renderer);
+
+/* Scene camera `index` as it stands at `time` [s]. */
+kl_status kl_renderer_camera(const struct kl_renderer *renderer, uint32_t index, double time,
+                             uint32_t width, uint32_t height, struct kl_camera *out,
+                             struct kl_err *err) KL_MUST_CHECK;
+/* World position of render space's origin, and the scene's bounding sphere in world space. */
+void kl_renderer_get_origin(const struct kl_renderer *renderer, double origin[3]);
+void kl_renderer_get_bounds(const struct kl_renderer *renderer, double center[3], double *radius);
+/* KL_NEED_* of the instant, lights (all kinds) and triangles after instancing. */
+struct kl_renderer_info {
+    uint32_t needs, lights;
+    uint64_t triangles;
+    uint8_t scene_digest[KL_DIGEST_SIZE];
+    uint8_t settings_digest[KL_DIGEST_SIZE];
+    const char *device; /* who gathers, in words; borrowed */
+};
+void kl_renderer_get_info(const struct kl_renderer *renderer, struct kl_renderer_info *info);
+
+/* Open the store for the present instant; NULL `dir`: memory only. A moving scene keeps one store
+ * per instant in sub-directories of `dir`. KL_ERR_STALE as kl_store_open. */
+kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
+                                 enum kl_store_mode mode, struct kl_err *err) KL_MUST_CHECK;
+
+struct kl_cache_state {
+    uint32_t records[KL_CACHE_LEVELS];
+    uint64_t generation, bytes; /* on disk */
+    size_t damaged;             /* segments left out */
+};
+void kl_renderer_get_cache(const struct kl_renderer *renderer, struct kl_cache_state *state);
+
+struct kl_renderer_fill {
+    const struct kl_camera *cameras; /* one per frame that will be rendered */
+    uint32_t camera_count;
+    bool keep; /* write batches and the finished cache to the store */
+    bool (*progress)(void *context, int stage, double done, uint32_t records);
+    void *progress_context;
+};
+kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_renderer_fill *fill,
+                           struct kl_fill_stats *stats, struct kl_err *err) KL_MUST_CHECK;
+
+struct kl_renderer_frame {
+    struct kl_camera camera, before; /* before: one frame earlier, for motion vectors */
+    int64_t frame;                   /* number: decides the image samples */
+    uint32_t spp;
+    bool (*progress)(void *context, double done);
+    void *progress_context;
+};
+/* Render into the channels of `image` (kl_frame_add_layers). */
+kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_renderer_frame *frame,
+                            struct kl_image *image, struct kl_counts *counts, uint64_t *bad_samples,
+                            struct kl_err *err) KL_MUST_CHECK;
+
+#endif
