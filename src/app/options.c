@@ -1,0 +1,415 @@
+#include "src/app/options.h"
+
+#include "sequences/duration.h"
+#include "src/app/option_text.h"
+#include "src/base/clock.h"
+#include "src/base/memory.h"
+
+#include <popt.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum option_id {
+    OPT_HELP = 1,
+    OPT_ENV,
+    OPT_ANIMATION,
+    OPT_FRAMES,
+    OPT_FPS,
+    OPT_SHUTTER,
+    OPT_SHUTTER_OFFSET,
+    OPT_CAMERA,
+    OPT_TURNTABLE,
+    OPT_PATH,
+    OPT_SIZE,
+    OPT_SPP,
+    OPT_INDIRECT,
+    OPT_CACHE,
+    OPT_CACHE_MODE,
+    OPT_ERROR,
+    OPT_PRESET,
+    OPT_RAYS,
+    OPT_DEVICE,
+    OPT_THREADS,
+    OPT_SEED,
+    OPT_OUT,
+    OPT_AOV,
+    OPT_PNG,
+    OPT_OVERWRITE,
+    OPT_RESUME,
+    OPT_TIME_LIMIT,
+    OPT_REPORT,
+    OPT_PROGRESS,
+    OPT_JSON,
+    OPT_DIFF,
+    OPT_MASK_ABOVE,
+    OPT_COLUMNS,
+    OPT_REDUCE,
+    OPT_EXPOSURE,
+};
+
+#define TEXT(name, id, help, value)                                                                \
+    {                                                                                              \
+        name, '\0', POPT_ARG_STRING, NULL, id, help, value                                         \
+    }
+#define FLAG(name, id, help)                                                                       \
+    {                                                                                              \
+        name, '\0', POPT_ARG_NONE, NULL, id, help, NULL                                            \
+    }
+#define HELP                                                                                       \
+    {                                                                                              \
+        "help", 'h', POPT_ARG_NONE, NULL, OPT_HELP, "Print this", NULL                             \
+    }
+#define JSON                                                                                       \
+    {                                                                                              \
+        "json", '\0', POPT_ARG_STRING | POPT_ARGFLAG_OPTIONAL, NULL, OPT_JSON,                     \
+            "Write JSON to FILE, without one to stdout", "FILE"                                    \
+    }
+#define SCENE_OPTIONS                                                                              \
+    TEXT("env", OPT_ENV, "Light from the sky: a lat-long OpenEXR image", "SKY.exr"),               \
+        TEXT("animation", OPT_ANIMATION, "Animation of the scene to follow (default: all)",        \
+             "NAME|all")
+
+static const struct poptOption render_options[] = {
+    SCENE_OPTIONS,
+    TEXT("frames", OPT_FRAMES, "Frames (default: the animation's range, or 1)", "1-48x2,60"),
+    TEXT("fps", OPT_FPS, "Frames a second; frame f is the instant f/fps (default: 24)", "RATE"),
+    TEXT("shutter", OPT_SHUTTER, "Shutter in degrees or frames (default: 0, no blur)", "180|0.5f"),
+    TEXT("shutter-offset", OPT_SHUTTER_OFFSET, "Move the shutter's centre (default: 0)",
+         "DEGREES|0.1f"),
+    TEXT("camera", OPT_CAMERA, "Camera of the scene (default: the first)", "NAME"),
+    TEXT("turntable", OPT_TURNTABLE, "Orbit the scene once in N frames", "N"),
+    TEXT("path", OPT_PATH, "Fly along a keyframed path", "FILE.json"),
+    TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),
+    TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N"),
+    TEXT("indirect", OPT_INDIRECT, "Where indirect diffuse light comes from (default: cache)",
+         "cache|path|off"),
+    TEXT("cache", OPT_CACHE, "Cache folder (default: SCENE.klc beside the output)", "DIR.klc"),
+    TEXT("cache-mode", OPT_CACHE_MODE, "What to do with the cache (default: extend)",
+         "extend|freeze|freeze-fill|rebuild|off"),
+    TEXT("error", OPT_ERROR, "Relative error of indirect irradiance to aim at (default: 0.02)",
+         "E"),
+    TEXT("preset", OPT_PRESET, "Choose --error and --spp together",
+         "draft|still|animation|final"),
+    TEXT("rays", OPT_RAYS, "Advanced: gather rays of a record (default: 1024)", "N"),
+    TEXT("device", OPT_DEVICE, "Who gathers the batches (default: auto)",
+         "auto|embree|opencl[:N]"),
+    TEXT("threads", OPT_THREADS, "Threads (default: all cores); results do not depend on it", "N"),
+    TEXT("seed", OPT_SEED, "Seed of the image samples (default: 0)", "N"),
+    TEXT("out", OPT_OUT, "Image files (default: SCENE.####.exr)", "PATTERN"),
+    TEXT("aov", OPT_AOV, "Layers to write beside beauty (default: all)", "LIST|all|none"),
+    FLAG("png", OPT_PNG, "Write a PNG preview beside each image"),
+    FLAG("overwrite", OPT_OVERWRITE, "Render frames that exist already"),
+    FLAG("resume", OPT_RESUME, "Skip frames that are done (always so, without --overwrite)"),
+    TEXT("time-limit", OPT_TIME_LIMIT, "Stop after this long, with exit code 5", "1h30m"),
+    TEXT("report", OPT_REPORT, "Write what it took and how good it is as JSON", "FILE.json"),
+    TEXT("progress", OPT_PROGRESS, "How to show progress on stderr (default: auto)",
+         "auto|plain|json|off"),
+    HELP,
+    POPT_TABLEEND,
+};
+static const struct poptOption scene_options[] = {SCENE_OPTIONS, JSON, HELP, POPT_TABLEEND};
+static const struct poptOption compare_options[] = {
+    JSON,
+    TEXT("diff", OPT_DIFF, "Draw the relative error: red too bright, blue too dark", "FILE.png"),
+    TEXT("mask-above", OPT_MASK_ABOVE, "Leave out pixels whose reference is above X (lamps)", "X"),
+    HELP,
+    POPT_TABLEEND,
+};
+static const struct poptOption json_options[] = {JSON, HELP, POPT_TABLEEND};
+static const struct poptOption sheet_options[] = {
+    TEXT("columns", OPT_COLUMNS, "Images in a row (default: nearly square)", "N"),
+    TEXT("reduce", OPT_REDUCE, "Make every image N times smaller (default: 1)", "N"),
+    TEXT("exposure", OPT_EXPOSURE, "Brighten by 2^STOPS (default: 0)", "STOPS"),
+    HELP,
+    POPT_TABLEEND,
+};
+
+static const struct poptOption *const option_sets[] = {
+    [KL_OPTIONS_RENDER] = render_options,   [KL_OPTIONS_SCENE] = scene_options,
+    [KL_OPTIONS_COMPARE] = compare_options, [KL_OPTIONS_JSON] = json_options,
+    [KL_OPTIONS_SHEET] = sheet_options,
+};
+
+/* The names before the synonyms: kl_cache_mode_name takes the first. */
+static const struct kl_option_word cache_modes[] = {
+    {"extend", KL_CACHE_MODE_EXTEND},   {"freeze", KL_CACHE_MODE_FREEZE},
+    {"freeze-fill", KL_CACHE_MODE_FREEZE_FILL},
+    {"rebuild", KL_CACHE_MODE_REBUILD}, {"off", KL_CACHE_MODE_OFF},
+    {"append", KL_CACHE_MODE_EXTEND},   {"load", KL_CACHE_MODE_FREEZE},
+    {"prepass", KL_CACHE_MODE_REBUILD}, {NULL, 0},
+};
+static const struct kl_option_word indirects[] = {
+    {"cache", KL_INDIRECT_OPTION_CACHE},
+    {"path", KL_INDIRECT_OPTION_PATH},
+    {"off", KL_INDIRECT_OPTION_OFF},
+    {NULL, 0},
+};
+static const struct kl_option_word progress_modes[] = {
+    {"auto", KL_PROGRESS_AUTO}, {"plain", KL_PROGRESS_PLAIN}, {"json", KL_PROGRESS_JSON},
+    {"off", KL_PROGRESS_OFF},   {NULL, 0},
+};
+
+static const char *find_name(const struct kl_option_word *words, int value)
+{
+    while (words->word != NULL && words->value != value) {
+        ++words;
+    }
+    return words->word;
+}
+
+const char *kl_cache_mode_name(enum kl_cache_mode mode)
+{
+    return find_name(cache_modes, (int)mode);
+}
+
+const char *kl_indirect_name(enum kl_indirect_option indirect)
+{
+    return find_name(indirects, (int)indirect);
+}
+
+static kl_status set_text(char **out, const char *text, struct kl_err *err)
+{
+    free(*out);
+    *out = NULL;
+    return kl_copy_string(out, text, err);
+}
+
+static kl_status set_word(const char *option, const char *text, const struct kl_option_word *words,
+                          int *out, struct kl_err *err)
+{
+    return kl_option_read_word(option, text, words, out, err);
+}
+
+static kl_status set_frames(struct kl_options *o, const char *text, struct kl_err *err)
+{
+    kl_frames_fini(&o->frames);
+    kl_status st = kl_frames_parse(text, &o->frames, err);
+    o->has_frames = st == KL_OK;
+    return st;
+}
+
+static kl_status set_choice(struct kl_options *o, int id, const char *text, struct kl_err *err)
+{
+    int value = 0;
+    kl_status st = KL_OK;
+
+    if (id == OPT_INDIRECT) {
+        st = set_word("indirect", text, indirects, &value, err);
+        if (st == KL_OK) o->indirect = (enum kl_indirect_option)value;
+    } else if (id == OPT_CACHE_MODE) {
+        st = set_word("cache-mode", text, cache_modes, &value, err);
+        if (st == KL_OK) o->cache_mode = (enum kl_cache_mode)value;
+    } else {
+        st = set_word("progress", text, progress_modes, &value, err);
+        if (st == KL_OK) o->progress = (enum kl_progress_mode)value;
+    }
+    return st;
+}
+
+static void set_flag(struct kl_options *o, int id)
+{
+    if (id == OPT_HELP) o->help = true;
+    if (id == OPT_PNG) o->png = true;
+    if (id == OPT_OVERWRITE) o->overwrite = true;
+}
+
+/* Options whose value is a number. */
+static kl_status set_number(struct kl_options *o, int id, const char *text, struct kl_err *err)
+{
+    switch (id) {
+    case OPT_FPS: return kl_fps_parse(text, &o->fps, err);
+    case OPT_SHUTTER: return kl_shutter_parse_length(text, &o->shutter.length, err);
+    case OPT_SHUTTER_OFFSET: return kl_shutter_parse_offset(text, &o->shutter.offset, err);
+    case OPT_TURNTABLE: return kl_option_read_u32("turntable", text, 1, 1000000, &o->turntable, err);
+    case OPT_SIZE: return kl_option_read_size("size", text, &o->width, &o->height, err);
+    case OPT_SPP: return kl_option_read_u32("spp", text, 1, 65536, &o->spp, err);
+    case OPT_ERROR: return kl_option_read_number("error", text, 0.001, 1.0, &o->error, err);
+    case OPT_RAYS: return kl_option_read_u32("rays", text, 16, 65536, &o->rays, err);
+    case OPT_THREADS: return kl_option_read_u32("threads", text, 1, 1024, &o->threads, err);
+    case OPT_SEED: return kl_option_read_u32("seed", text, 0, UINT32_MAX, &o->seed, err);
+    case OPT_TIME_LIMIT: return kl_duration_parse(text, &o->time_limit, err);
+    case OPT_COLUMNS: return kl_option_read_u32("columns", text, 1, 1000, &o->columns, err);
+    case OPT_REDUCE: return kl_option_read_u32("reduce", text, 1, 64, &o->reduce, err);
+    case OPT_MASK_ABOVE:
+        return kl_option_read_number("mask-above", text, 0.0, 1e30, &o->mask_above, err);
+    default: return kl_option_read_number("exposure", text, -64.0, 64.0, &o->exposure, err);
+    }
+}
+
+static kl_status set_option(struct kl_options *o, int id, const char *text, struct kl_err *err)
+{
+    switch (id) {
+    case OPT_ENV: return set_text(&o->env, text, err);
+    case OPT_ANIMATION: return set_text(&o->animation, text, err);
+    case OPT_FRAMES: return set_frames(o, text, err);
+    case OPT_CAMERA: return set_text(&o->camera, text, err);
+    case OPT_PATH: return set_text(&o->path, text, err);
+    case OPT_CACHE: return set_text(&o->cache, text, err);
+    case OPT_PRESET: return set_text(&o->preset, text, err);
+    case OPT_DEVICE: return set_text(&o->device, text, err);
+    case OPT_OUT: return set_text(&o->out, text, err);
+    case OPT_AOV: return set_text(&o->aov, text, err);
+    case OPT_REPORT: return set_text(&o->report, text, err);
+    case OPT_DIFF: return set_text(&o->diff, text, err);
+    case OPT_INDIRECT:
+    case OPT_CACHE_MODE:
+    case OPT_PROGRESS: return set_choice(o, id, text, err);
+    case OPT_JSON:
+        o->json = true;
+        return text == NULL ? KL_OK : set_text(&o->json_file, text, err);
+    case OPT_HELP:
+    case OPT_PNG:
+    case OPT_OVERWRITE:
+    case OPT_RESUME: set_flag(o, id); return KL_OK;
+    default: return set_number(o, id, text, err);
+    }
+}
+
+static kl_status apply_preset(struct kl_options *o, struct kl_err *err)
+{
+    static const struct {
+        double error;
+        uint32_t spp;
+    } presets[] = {{0.06, 4}, {0.02, 64}, {0.02, 16}, {0.01, 64}};
+    static const struct kl_option_word names[] = {
+        {"draft", 0}, {"still", 1}, {"animation", 2}, {"final", 3}, {NULL, 0}};
+    int i = 2;
+
+    if (o->preset != NULL) {
+        kl_status st = set_word("preset", o->preset, names, &i, err);
+        if (st != KL_OK) return st;
+    }
+    if (o->error <= 0.0) o->error = presets[i].error;
+    if (o->spp == 0) o->spp = presets[i].spp;
+    return KL_OK;
+}
+
+static kl_status join_command_line(struct kl_options *o, int argc, const char **argv,
+                                   struct kl_err *err)
+{
+    size_t size = 1;
+    size_t used = 0;
+
+    for (int i = 0; i < argc; ++i) {
+        size += strlen(argv[i]) + 1;
+    }
+    kl_status st = kl_alloc_array(&o->command_line, size, 1, err);
+    for (int i = 0; st == KL_OK && i < argc; ++i) {
+        used += (size_t)snprintf(o->command_line + used, size - used, "%s%s", i > 0 ? " " : "",
+                                 argv[i]);
+    }
+    return st;
+}
+
+static kl_status add_argument(struct kl_options *o, size_t *capacity, const char *text,
+                              struct kl_err *err)
+{
+    kl_status st =
+        kl_grow_array(&o->arguments, capacity, o->argument_count + 1, sizeof *o->arguments, err);
+    if (st == KL_OK) st = kl_copy_string(&o->arguments[o->argument_count], text, err);
+    if (st == KL_OK) ++o->argument_count;
+    return st;
+}
+
+/* "--json SCENE.glb": popt takes the word after an option with an optional value. Where a
+ * positional argument is missing, or the word is a cache folder, it was meant as an argument. */
+static kl_status settle_arguments(struct kl_options *o, poptContext con, size_t least,
+                                  struct kl_err *err)
+{
+    size_t capacity = 0;
+    kl_status st = KL_OK;
+    const char *text;
+
+    while (st == KL_OK && (text = poptGetArg(con)) != NULL) {
+        if (strcmp(text, "-") == 0 && o->json) continue;
+        st = add_argument(o, &capacity, text, err);
+    }
+    if (st == KL_OK && o->json_file != NULL && o->argument_count < least) {
+        st = add_argument(o, &capacity, o->json_file, err);
+        free(o->json_file);
+        o->json_file = NULL;
+    }
+    return st;
+}
+
+static kl_status read_options(struct kl_options *o, poptContext con, struct kl_err *err)
+{
+    kl_status st = KL_OK;
+    int id;
+
+    while (st == KL_OK && (id = poptGetNextOpt(con)) > 0) {
+        char *text = poptGetOptArg(con);
+        st = set_option(o, id, text, err);
+        free(text);
+    }
+    if (st == KL_OK && id < -1) {
+        st = kl_fail(err, KL_ERR_USAGE, "%s: %s", poptBadOption(con, POPT_BADOPTION_NOALIAS),
+                     poptStrerror(id));
+    }
+    return st;
+}
+
+static kl_status check_arguments(const struct kl_options *o, const struct kl_option_use *use,
+                                 struct kl_err *err)
+{
+    if (o->argument_count < use->least) {
+        return kl_fail(err, KL_ERR_USAGE, "%s: expected %s; see %s --help", use->name,
+                       use->arguments, use->name);
+    }
+    if (o->argument_count > use->most) {
+        return kl_fail(err, KL_ERR_USAGE, "%s: unexpected argument '%s'", use->name,
+                       o->arguments[use->most]);
+    }
+    const int flights = (o->camera != NULL) + (o->turntable > 0) + (o->path != NULL);
+    if (flights > 1) {
+        return kl_fail(err, KL_ERR_USAGE, "--camera, --turntable and --path exclude each other");
+    }
+    return KL_OK;
+}
+
+kl_status kl_options_parse(int argc, const char **argv, const struct kl_option_use *use,
+                           struct kl_options *out, struct kl_err *err)
+{
+    poptContext con = NULL;
+    kl_status st = KL_OK;
+
+    *out = (struct kl_options){.start = kl_seconds(),
+                               .fps = {24, 1},
+                               .width = 1280,
+                               .height = 720,
+                               .rays = 1024};
+    st = join_command_line(out, argc, argv, err);
+    if (st != KL_OK) return st;
+    con = poptGetContext(NULL, argc, argv, option_sets[use->set], 0);
+    if (con == NULL) return kl_fail(err, KL_ERR_NO_MEMORY, "out of memory");
+    poptSetOtherOptionHelp(con, use->arguments);
+    st = read_options(out, con, err);
+    if (st == KL_OK && out->help) {
+        poptPrintHelp(con, stdout, 0);
+    } else if (st == KL_OK) {
+        st = settle_arguments(out, con, use->least, err);
+        if (st == KL_OK) st = check_arguments(out, use, err);
+        if (st == KL_OK) st = apply_preset(out, err);
+    }
+    poptFreeContext(con);
+    return st;
+}
+
+void kl_options_fini(struct kl_options *options)
+{
+    struct kl_options *o = options;
+    char *const texts[] = {o->command_line, o->env, o->animation, o->camera, o->path,
+                           o->cache, o->device, o->preset, o->out, o->aov,
+                           o->report, o->json_file, o->diff};
+
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; ++i) {
+        free(texts[i]);
+    }
+    for (size_t i = 0; i < o->argument_count; ++i) {
+        free(o->arguments[i]);
+    }
+    free(o->arguments);
+    kl_frames_fini(&o->frames);
+    *o = (struct kl_options){0};
+}

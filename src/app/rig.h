@@ -1,0 +1,29 @@
+/* The camera of every frame, wherever it comes from. */
+#ifndef KL_SRC_APP_RIG_H
+#define KL_SRC_APP_RIG_H
+
+#include "src/app/options.h"
+#include "src/render/camera.h"
+#include "src/render/renderer.h"
+#include "src/scene/scene.h"
+
+struct kl_rig;
+
+/* --camera, --turntable, --path; else the scene's first camera; else a view that fits the scene.
+ * May take the renderer to time 0 for the scene's bounds. *out borrows scene, renderer and options,
+ * and is the caller's: kl_rig_destroy. KL_ERR_USAGE: no such camera; the message lists them. */
+kl_status kl_rig_create(const struct kl_scene *scene, struct kl_renderer *renderer,
+                        const struct kl_options *options, struct kl_rig **out,
+                        struct kl_err *err) KL_MUST_CHECK;
+void kl_rig_destroy(struct kl_rig *rig); /* accepts NULL */
+
+/* --frames; else all frames of the orbit, the path or the animation; else frame 1. *out is the
+ * caller's: kl_frames_fini. */
+kl_status kl_rig_frames(const struct kl_rig *rig, uint32_t animation, struct kl_frames *out,
+                        struct kl_err *err) KL_MUST_CHECK;
+/* Instant of a frame [s]: the centre of its shutter. */
+double kl_rig_time(const struct kl_rig *rig, int32_t frame);
+kl_status kl_rig_camera(const struct kl_rig *rig, int32_t frame, struct kl_camera *out,
+                        struct kl_err *err) KL_MUST_CHECK;
+
+#endif
