@@ -183,9 +183,9 @@ static kl_status aim_channels(const struct exr_job *job, exr_decode_pipeline_t *
                 plane->values +
                 ((size_t)row * (size_t)plane->width + (size_t)column) * plane->element;
             to->user_data_type = to->data_type;
-            to->user_bytes_per_element = to->bytes_per_element;
-            to->user_pixel_stride = to->bytes_per_element;
-            to->user_line_stride = plane->width * to->bytes_per_element;
+            to->user_bytes_per_element = (int16_t)plane->element;
+            to->user_pixel_stride = (int32_t)plane->element;
+            to->user_line_stride = plane->width * (int32_t)plane->element;
         }
     }
     return KL_OK;
@@ -378,7 +378,7 @@ static double sample_plane(const struct plane *plane, int x, int y)
 
 static void get_pixel(const struct exr_job *job, int x, int y, double rgb[3])
 {
-    double v[3];
+    double v[3] = {0.0, 0.0, 0.0};
 
     for (int i = 0; i < job->plane_count; ++i) {
         v[i] = sample_plane(&job->planes[i], x, y);
@@ -403,28 +403,37 @@ static void get_pixel(const struct exr_job *job, int x, int y, double rgb[3])
     }
 }
 
+/* Writes the repaired pixel (x, y) of the data window; false if there was something to repair. */
+static bool fill_texel(const struct exr_job *job, int x, int y, float *texel)
+{
+    double rgb[3];
+    bool good = true;
+
+    get_pixel(job, x, y, rgb);
+    for (int i = 0; i < 3; ++i) {
+        const bool valid = rgb[i] >= 0.0 && rgb[i] <= 3e38;
+        /* Interpolated chroma may leave a hair below zero: no news. */
+        const bool hair = job->is_luminance && rgb[i] < 0.0 && rgb[i] > -1e-2;
+        texel[i] = valid ? (float)rgb[i] : 0.0f;
+        if (!valid && !hair) good = false;
+    }
+    return good;
+}
+
 /* Fills the display window; returns the number of texels that had to be repaired. */
 static size_t fill_texels(const struct exr_job *job, uint32_t width, uint32_t height, float *out)
 {
+    const exr_attr_box2i_t *data = &job->data;
     size_t repaired = 0;
 
     for (uint32_t row = 0; row < height; ++row) {
-        const int64_t y = (int64_t)job->display.min.y + row - job->data.min.y;
-        if (y < 0 || y > (int64_t)job->data.max.y - job->data.min.y) continue;
+        const int64_t y = (int64_t)job->display.min.y + row - data->min.y;
+        if (y < 0 || y > (int64_t)data->max.y - data->min.y) continue;
         for (uint32_t column = 0; column < width; ++column) {
-            const int64_t x = (int64_t)job->display.min.x + column - job->data.min.x;
+            const int64_t x = (int64_t)job->display.min.x + column - data->min.x;
             float *texel = out + ((size_t)row * width + column) * 3;
-            double rgb[3];
-            bool bad = false;
-            if (x < 0 || x > (int64_t)job->data.max.x - job->data.min.x) continue;
-            get_pixel(job, (int)x, (int)y, rgb);
-            for (int i = 0; i < 3; ++i) {
-                const bool good = rgb[i] >= 0.0 && rgb[i] <= 3e38;
-                texel[i] = good ? (float)rgb[i] : 0.0f;
-                /* Interpolated chroma may leave a hair below zero: no news. */
-                if (!good && !(job->is_luminance && rgb[i] < 0.0 && rgb[i] > -1e-2)) bad = true;
-            }
-            if (bad) ++repaired;
+            if (x < 0 || x > (int64_t)data->max.x - data->min.x) continue;
+            if (!fill_texel(job, (int)x, (int)y, texel)) ++repaired;
         }
     }
     return repaired;

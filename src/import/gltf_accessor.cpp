@@ -145,7 +145,7 @@ void decode(const unsigned char *p, int type, bool normalized, float *out)
     *out = read_component(p, type, normalized);
 }
 
-void decode(const unsigned char *p, int type, bool, uint32_t *out)
+void decode(const unsigned char *p, int type, bool /*normalized*/, uint32_t *out)
 {
     *out = read_unsigned(p, type);
 }

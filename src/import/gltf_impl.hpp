@@ -114,7 +114,7 @@ enum kl_gltf_format : unsigned {
     KL_GLTF_SNORM = 1u << 23,     // normalised i8, i16
     KL_GLTF_QUANTIZED = 1u << 24, // any 8 and 16 bit type: KHR_mesh_quantization
 };
-kl_gltf_numbers kl_gltf_read_numbers(kl_gltf_import &in, int accessor, unsigned formats,
+kl_gltf_numbers kl_gltf_read_numbers(kl_gltf_import &in, int index, unsigned formats,
                                      const std::string &place);
 // Unsigned integers (indices, joints): `widths` as above, `allow_u32` for indices.
 struct kl_gltf_integers {
@@ -122,11 +122,11 @@ struct kl_gltf_integers {
     uint32_t restart = 0; // the highest value of the type
     std::vector<uint32_t> values;
 };
-kl_gltf_integers kl_gltf_read_integers(kl_gltf_import &in, int accessor, unsigned widths,
+kl_gltf_integers kl_gltf_read_integers(kl_gltf_import &in, int index, unsigned widths,
                                        bool allow_u32, const std::string &place);
 
 // gltf_image.cpp, gltf_material.cpp. KL_NONE where the texture has no image that can be read.
-uint32_t kl_gltf_get_texture(kl_gltf_import &in, int texture, const std::string &place);
+uint32_t kl_gltf_get_texture(kl_gltf_import &in, int index, const std::string &place);
 void kl_gltf_read_materials(kl_gltf_import &in);
 uint32_t kl_gltf_get_material(kl_gltf_import &in, int material);
 

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cfloat>
+#include <cmath>
 #include <cstdarg>
 #include <cstdio>
 #include <memory>
@@ -228,6 +229,25 @@ void parse_model(kl_gltf_import &in, const nlohmann::json &root)
     check_counts(in.model, root);
 }
 
+// Each number is bounded, but products along a chain of nodes need not be.
+void check_world(const kl_scene &scene)
+{
+    kl_err err = {};
+    kl_pose *pose = nullptr;
+
+    if (kl_pose_create(&scene, KL_NONE, 0.0, &pose, &err) != KL_OK) throw kl_import_failure(err);
+    uint32_t lost = KL_NONE;
+    for (size_t i = 0; i < size_t(scene.node_count) * 16 && lost == KL_NONE; ++i) {
+        const bool inside = std::fabs(pose->world_from_node[i]) <= 1e30;
+        if (!inside) lost = static_cast<uint32_t>(i / 16);
+    }
+    kl_pose_destroy(pose);
+    if (lost != KL_NONE) {
+        kl_import_refuse("node \"%.100s\": its place in the world is beyond 1e30",
+                         scene.nodes[lost].name);
+    }
+}
+
 void build_scene(kl_gltf_import &in)
 {
     kl_gltf_read_materials(in);
@@ -237,6 +257,7 @@ void build_scene(kl_gltf_import &in)
     kl_gltf_read_cameras(in);
     kl_gltf_read_lights(in);
     kl_gltf_read_animations(in);
+    check_world(*in.scene);
 }
 
 // Whatever a name or URI in the file holds.

@@ -12,17 +12,17 @@ namespace
 using nlohmann::json;
 
 enum class form {
-    integer, // low..high, refused outside
-    number,  // low..high, clamped outside with a warning
-    numbers, // array of `least`..`most` numbers, ditto each
-    boolean,
-    text,
-    index,      // into the collection `of`
-    indices,    // array of them
-    object,     // of type `of`
-    objects,    // array of them
-    attributes, // object whose members index accessors
-    targets,    // array of attributes
+    INTEGER, // low..high, refused outside
+    NUMBER,  // low..high, clamped outside with a warning
+    NUMBERS, // array of `least`..`most` numbers, ditto each
+    BOOLEAN,
+    TEXT,
+    INDEX,      // into the collection `of`
+    INDICES,    // array of them
+    OBJECT,     // of type `of`
+    OBJECTS,    // array of them
+    ATTRIBUTES, // object whose members index accessors
+    TARGETS,    // array of attributes
 };
 
 // Beyond any scene, and small enough that products of transforms stay finite.
@@ -32,160 +32,159 @@ const double max_int = 2147483647.0;
 const double any = 3.5e38; // any float
 
 struct member {
-    const char *owner, *name;
+    const char *owner, *name, *of;
     form what;
-    const char *of;
-    bool required;
-    double low, high;
-    unsigned least, most;
+    bool required = false;
+    double low = 0, high = 0;
+    unsigned least = 0, most = 0;
 };
 
 const member members[] = {
-    {"root", "asset", form::object, "asset", true, 0, 0, 0, 0},
-    {"root", "accessors", form::objects, "accessor", false, 0, 0, 0, 0},
-    {"root", "animations", form::objects, "animation", false, 0, 0, 0, 0},
-    {"root", "buffers", form::objects, "buffer", false, 0, 0, 0, 0},
-    {"root", "bufferViews", form::objects, "bufferView", false, 0, 0, 0, 0},
-    {"root", "cameras", form::objects, "camera", false, 0, 0, 0, 0},
-    {"root", "images", form::objects, "image", false, 0, 0, 0, 0},
-    {"root", "materials", form::objects, "material", false, 0, 0, 0, 0},
-    {"root", "meshes", form::objects, "mesh", false, 0, 0, 0, 0},
-    {"root", "nodes", form::objects, "node", false, 0, 0, 0, 0},
-    {"root", "samplers", form::objects, "sampler", false, 0, 0, 0, 0},
-    {"root", "scene", form::index, "scenes", false, 0, 0, 0, 0},
-    {"root", "scenes", form::objects, "scene", false, 0, 0, 0, 0},
-    {"root", "skins", form::objects, "skin", false, 0, 0, 0, 0},
-    {"root", "textures", form::objects, "texture", false, 0, 0, 0, 0},
-    {"root", "KHR_lights_punctual", form::object, "lightList", false, 0, 0, 0, 0},
+    {"root", "asset", "asset", form::OBJECT, true},
+    {"root", "accessors", "accessor", form::OBJECTS},
+    {"root", "animations", "animation", form::OBJECTS},
+    {"root", "buffers", "buffer", form::OBJECTS},
+    {"root", "bufferViews", "bufferView", form::OBJECTS},
+    {"root", "cameras", "camera", form::OBJECTS},
+    {"root", "images", "image", form::OBJECTS},
+    {"root", "materials", "material", form::OBJECTS},
+    {"root", "meshes", "mesh", form::OBJECTS},
+    {"root", "nodes", "node", form::OBJECTS},
+    {"root", "samplers", "sampler", form::OBJECTS},
+    {"root", "scene", "scenes", form::INDEX},
+    {"root", "scenes", "scene", form::OBJECTS},
+    {"root", "skins", "skin", form::OBJECTS},
+    {"root", "textures", "texture", form::OBJECTS},
+    {"root", "KHR_lights_punctual", "lightList", form::OBJECT},
 
-    {"accessor", "bufferView", form::index, "bufferViews", false, 0, 0, 0, 0},
-    {"accessor", "byteOffset", form::integer, nullptr, false, 0, max_integer, 0, 0},
-    {"accessor", "componentType", form::integer, nullptr, true, 5120, 5126, 0, 0},
-    {"accessor", "count", form::integer, nullptr, true, 0, max_int, 0, 0},
-    {"accessor", "type", form::text, nullptr, true, 0, 0, 0, 0},
-    {"accessor", "normalized", form::boolean, nullptr, false, 0, 0, 0, 0},
-    {"accessor", "min", form::numbers, nullptr, false, -1e300, 1e300, 0, 16},
-    {"accessor", "max", form::numbers, nullptr, false, -1e300, 1e300, 0, 16},
-    {"accessor", "sparse", form::object, "sparse", false, 0, 0, 0, 0},
-    {"sparse", "count", form::integer, nullptr, true, 0, max_int, 0, 0},
-    {"sparse", "indices", form::object, "sparseIndices", true, 0, 0, 0, 0},
-    {"sparse", "values", form::object, "sparseValues", true, 0, 0, 0, 0},
-    {"sparseIndices", "bufferView", form::index, "bufferViews", true, 0, 0, 0, 0},
-    {"sparseIndices", "byteOffset", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"sparseIndices", "componentType", form::integer, nullptr, true, 5121, 5125, 0, 0},
-    {"sparseValues", "bufferView", form::index, "bufferViews", true, 0, 0, 0, 0},
-    {"sparseValues", "byteOffset", form::integer, nullptr, false, 0, max_int, 0, 0},
+    {"accessor", "bufferView", "bufferViews", form::INDEX},
+    {"accessor", "byteOffset", nullptr, form::INTEGER, false, 0, max_integer},
+    {"accessor", "componentType", nullptr, form::INTEGER, true, 5120, 5126},
+    {"accessor", "count", nullptr, form::INTEGER, true, 0, max_int},
+    {"accessor", "type", nullptr, form::TEXT, true},
+    {"accessor", "normalized", nullptr, form::BOOLEAN},
+    {"accessor", "min", nullptr, form::NUMBERS, false, -1e300, 1e300, 0, 16},
+    {"accessor", "max", nullptr, form::NUMBERS, false, -1e300, 1e300, 0, 16},
+    {"accessor", "sparse", "sparse", form::OBJECT},
+    {"sparse", "count", nullptr, form::INTEGER, true, 0, max_int},
+    {"sparse", "indices", "sparseIndices", form::OBJECT, true},
+    {"sparse", "values", "sparseValues", form::OBJECT, true},
+    {"sparseIndices", "bufferView", "bufferViews", form::INDEX, true},
+    {"sparseIndices", "byteOffset", nullptr, form::INTEGER, false, 0, max_int},
+    {"sparseIndices", "componentType", nullptr, form::INTEGER, true, 5121, 5125},
+    {"sparseValues", "bufferView", "bufferViews", form::INDEX, true},
+    {"sparseValues", "byteOffset", nullptr, form::INTEGER, false, 0, max_int},
 
-    {"buffer", "byteLength", form::integer, nullptr, true, 0, max_integer, 0, 0},
-    {"buffer", "uri", form::text, nullptr, false, 0, 0, 0, 0},
-    {"bufferView", "buffer", form::index, "buffers", true, 0, 0, 0, 0},
-    {"bufferView", "byteOffset", form::integer, nullptr, false, 0, max_integer, 0, 0},
-    {"bufferView", "byteLength", form::integer, nullptr, true, 0, max_integer, 0, 0},
-    {"bufferView", "byteStride", form::integer, nullptr, false, 4, 252, 0, 0},
-    {"bufferView", "target", form::integer, nullptr, false, 0, max_int, 0, 0},
+    {"buffer", "byteLength", nullptr, form::INTEGER, true, 0, max_integer},
+    {"buffer", "uri", nullptr, form::TEXT},
+    {"bufferView", "buffer", "buffers", form::INDEX, true},
+    {"bufferView", "byteOffset", nullptr, form::INTEGER, false, 0, max_integer},
+    {"bufferView", "byteLength", nullptr, form::INTEGER, true, 0, max_integer},
+    {"bufferView", "byteStride", nullptr, form::INTEGER, false, 4, 252},
+    {"bufferView", "target", nullptr, form::INTEGER, false, 0, max_int},
 
-    {"animation", "channels", form::objects, "channel", true, 0, 0, 0, 0},
-    {"animation", "samplers", form::objects, "animationSampler", true, 0, 0, 0, 0},
-    {"channel", "sampler", form::integer, nullptr, true, 0, max_int, 0, 0},
-    {"channel", "target", form::object, "channelTarget", true, 0, 0, 0, 0},
-    {"channelTarget", "node", form::index, "nodes", false, 0, 0, 0, 0},
-    {"channelTarget", "path", form::text, nullptr, true, 0, 0, 0, 0},
-    {"animationSampler", "input", form::index, "accessors", true, 0, 0, 0, 0},
-    {"animationSampler", "output", form::index, "accessors", true, 0, 0, 0, 0},
-    {"animationSampler", "interpolation", form::text, nullptr, false, 0, 0, 0, 0},
+    {"animation", "channels", "channel", form::OBJECTS, true},
+    {"animation", "samplers", "animationSampler", form::OBJECTS, true},
+    {"channel", "sampler", nullptr, form::INTEGER, true, 0, max_int},
+    {"channel", "target", "channelTarget", form::OBJECT, true},
+    {"channelTarget", "node", "nodes", form::INDEX},
+    {"channelTarget", "path", nullptr, form::TEXT, true},
+    {"animationSampler", "input", "accessors", form::INDEX, true},
+    {"animationSampler", "output", "accessors", form::INDEX, true},
+    {"animationSampler", "interpolation", nullptr, form::TEXT},
 
-    {"camera", "type", form::text, nullptr, true, 0, 0, 0, 0},
-    {"camera", "perspective", form::object, "perspective", false, 0, 0, 0, 0},
-    {"camera", "orthographic", form::object, "orthographic", false, 0, 0, 0, 0},
-    {"perspective", "aspectRatio", form::number, nullptr, false, -any, any, 0, 0},
-    {"perspective", "yfov", form::number, nullptr, true, -any, any, 0, 0},
-    {"perspective", "zfar", form::number, nullptr, false, -any, any, 0, 0},
-    {"perspective", "znear", form::number, nullptr, true, -any, any, 0, 0},
-    {"orthographic", "xmag", form::number, nullptr, true, -any, any, 0, 0},
-    {"orthographic", "ymag", form::number, nullptr, true, -any, any, 0, 0},
-    {"orthographic", "zfar", form::number, nullptr, true, -any, any, 0, 0},
-    {"orthographic", "znear", form::number, nullptr, true, -any, any, 0, 0},
+    {"camera", "type", nullptr, form::TEXT, true},
+    {"camera", "perspective", "perspective", form::OBJECT},
+    {"camera", "orthographic", "orthographic", form::OBJECT},
+    {"perspective", "aspectRatio", nullptr, form::NUMBER, false, -any, any},
+    {"perspective", "yfov", nullptr, form::NUMBER, true, -any, any},
+    {"perspective", "zfar", nullptr, form::NUMBER, false, -any, any},
+    {"perspective", "znear", nullptr, form::NUMBER, true, -any, any},
+    {"orthographic", "xmag", nullptr, form::NUMBER, true, -any, any},
+    {"orthographic", "ymag", nullptr, form::NUMBER, true, -any, any},
+    {"orthographic", "zfar", nullptr, form::NUMBER, true, -any, any},
+    {"orthographic", "znear", nullptr, form::NUMBER, true, -any, any},
 
-    {"image", "uri", form::text, nullptr, false, 0, 0, 0, 0},
-    {"image", "mimeType", form::text, nullptr, false, 0, 0, 0, 0},
-    {"image", "bufferView", form::index, "bufferViews", false, 0, 0, 0, 0},
-    {"texture", "sampler", form::index, "samplers", false, 0, 0, 0, 0},
-    {"texture", "source", form::index, "images", false, 0, 0, 0, 0},
-    {"sampler", "magFilter", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"sampler", "minFilter", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"sampler", "wrapS", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"sampler", "wrapT", form::integer, nullptr, false, 0, max_int, 0, 0},
+    {"image", "uri", nullptr, form::TEXT},
+    {"image", "mimeType", nullptr, form::TEXT},
+    {"image", "bufferView", "bufferViews", form::INDEX},
+    {"texture", "sampler", "samplers", form::INDEX},
+    {"texture", "source", "images", form::INDEX},
+    {"sampler", "magFilter", nullptr, form::INTEGER, false, 0, max_int},
+    {"sampler", "minFilter", nullptr, form::INTEGER, false, 0, max_int},
+    {"sampler", "wrapS", nullptr, form::INTEGER, false, 0, max_int},
+    {"sampler", "wrapT", nullptr, form::INTEGER, false, 0, max_int},
 
-    {"material", "pbrMetallicRoughness", form::object, "pbr", false, 0, 0, 0, 0},
-    {"material", "normalTexture", form::object, "normalTexture", false, 0, 0, 0, 0},
-    {"material", "occlusionTexture", form::object, "occlusionTexture", false, 0, 0, 0, 0},
-    {"material", "emissiveTexture", form::object, "textureInfo", false, 0, 0, 0, 0},
-    {"material", "emissiveFactor", form::numbers, nullptr, false, 0, 1, 3, 3},
-    {"material", "alphaMode", form::text, nullptr, false, 0, 0, 0, 0},
-    {"material", "alphaCutoff", form::number, nullptr, false, 0, huge_number, 0, 0},
-    {"material", "doubleSided", form::boolean, nullptr, false, 0, 0, 0, 0},
-    {"material", "KHR_materials_emissive_strength", form::object, "strength", false, 0, 0, 0, 0},
-    {"material", "KHR_materials_ior", form::object, "ior", false, 0, 0, 0, 0},
-    {"material", "KHR_materials_specular", form::object, "specular", false, 0, 0, 0, 0},
-    {"material", "KHR_materials_unlit", form::object, "unlit", false, 0, 0, 0, 0},
-    {"pbr", "baseColorFactor", form::numbers, nullptr, false, 0, 1, 4, 4},
-    {"pbr", "baseColorTexture", form::object, "textureInfo", false, 0, 0, 0, 0},
-    {"pbr", "metallicRoughnessTexture", form::object, "textureInfo", false, 0, 0, 0, 0},
-    {"pbr", "metallicFactor", form::number, nullptr, false, 0, 1, 0, 0},
-    {"pbr", "roughnessFactor", form::number, nullptr, false, 0, 1, 0, 0},
-    {"textureInfo", "index", form::index, "textures", true, 0, 0, 0, 0},
-    {"textureInfo", "texCoord", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"textureInfo", "KHR_texture_transform", form::object, "transform", false, 0, 0, 0, 0},
-    {"normalTexture", "index", form::index, "textures", true, 0, 0, 0, 0},
-    {"normalTexture", "texCoord", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"normalTexture", "scale", form::number, nullptr, false, -huge_number, huge_number, 0, 0},
-    {"normalTexture", "KHR_texture_transform", form::object, "transform", false, 0, 0, 0, 0},
-    {"occlusionTexture", "index", form::index, "textures", true, 0, 0, 0, 0},
-    {"occlusionTexture", "texCoord", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"occlusionTexture", "strength", form::number, nullptr, false, 0, 1, 0, 0},
-    {"transform", "offset", form::numbers, nullptr, false, -huge_number, huge_number, 2, 2},
-    {"transform", "rotation", form::number, nullptr, false, -huge_number, huge_number, 0, 0},
-    {"transform", "scale", form::numbers, nullptr, false, -huge_number, huge_number, 2, 2},
-    {"transform", "texCoord", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"strength", "emissiveStrength", form::number, nullptr, false, 0, huge_number, 0, 0},
-    {"ior", "ior", form::number, nullptr, false, 0, huge_number, 0, 0},
-    {"specular", "specularFactor", form::number, nullptr, false, 0, 1, 0, 0},
-    {"specular", "specularTexture", form::object, "textureInfo", false, 0, 0, 0, 0},
-    {"specular", "specularColorFactor", form::numbers, nullptr, false, 0, huge_number, 3, 3},
-    {"specular", "specularColorTexture", form::object, "textureInfo", false, 0, 0, 0, 0},
+    {"material", "pbrMetallicRoughness", "pbr", form::OBJECT},
+    {"material", "normalTexture", "normalTexture", form::OBJECT},
+    {"material", "occlusionTexture", "occlusionTexture", form::OBJECT},
+    {"material", "emissiveTexture", "textureInfo", form::OBJECT},
+    {"material", "emissiveFactor", nullptr, form::NUMBERS, false, 0, 1, 3, 3},
+    {"material", "alphaMode", nullptr, form::TEXT},
+    {"material", "alphaCutoff", nullptr, form::NUMBER, false, 0, huge_number},
+    {"material", "doubleSided", nullptr, form::BOOLEAN},
+    {"material", "KHR_materials_emissive_strength", "strength", form::OBJECT},
+    {"material", "KHR_materials_ior", "ior", form::OBJECT},
+    {"material", "KHR_materials_specular", "specular", form::OBJECT},
+    {"material", "KHR_materials_unlit", "unlit", form::OBJECT},
+    {"pbr", "baseColorFactor", nullptr, form::NUMBERS, false, 0, 1, 4, 4},
+    {"pbr", "baseColorTexture", "textureInfo", form::OBJECT},
+    {"pbr", "metallicRoughnessTexture", "textureInfo", form::OBJECT},
+    {"pbr", "metallicFactor", nullptr, form::NUMBER, false, 0, 1},
+    {"pbr", "roughnessFactor", nullptr, form::NUMBER, false, 0, 1},
+    {"textureInfo", "index", "textures", form::INDEX, true},
+    {"textureInfo", "texCoord", nullptr, form::INTEGER, false, 0, max_int},
+    {"textureInfo", "KHR_texture_transform", "transform", form::OBJECT},
+    {"normalTexture", "index", "textures", form::INDEX, true},
+    {"normalTexture", "texCoord", nullptr, form::INTEGER, false, 0, max_int},
+    {"normalTexture", "scale", nullptr, form::NUMBER, false, -huge_number, huge_number},
+    {"normalTexture", "KHR_texture_transform", "transform", form::OBJECT},
+    {"occlusionTexture", "index", "textures", form::INDEX, true},
+    {"occlusionTexture", "texCoord", nullptr, form::INTEGER, false, 0, max_int},
+    {"occlusionTexture", "strength", nullptr, form::NUMBER, false, 0, 1},
+    {"transform", "offset", nullptr, form::NUMBERS, false, -huge_number, huge_number, 2, 2},
+    {"transform", "rotation", nullptr, form::NUMBER, false, -huge_number, huge_number},
+    {"transform", "scale", nullptr, form::NUMBERS, false, -huge_number, huge_number, 2, 2},
+    {"transform", "texCoord", nullptr, form::INTEGER, false, 0, max_int},
+    {"strength", "emissiveStrength", nullptr, form::NUMBER, false, 0, huge_number},
+    {"ior", "ior", nullptr, form::NUMBER, false, 0, huge_number},
+    {"specular", "specularFactor", nullptr, form::NUMBER, false, 0, 1},
+    {"specular", "specularTexture", "textureInfo", form::OBJECT},
+    {"specular", "specularColorFactor", nullptr, form::NUMBERS, false, 0, huge_number, 3, 3},
+    {"specular", "specularColorTexture", "textureInfo", form::OBJECT},
 
-    {"mesh", "primitives", form::objects, "primitive", true, 0, 0, 0, 0},
-    {"mesh", "weights", form::numbers, nullptr, false, -huge_number, huge_number, 0, 65535},
-    {"primitive", "attributes", form::attributes, nullptr, true, 0, 0, 0, 0},
-    {"primitive", "indices", form::index, "accessors", false, 0, 0, 0, 0},
-    {"primitive", "material", form::index, "materials", false, 0, 0, 0, 0},
-    {"primitive", "mode", form::integer, nullptr, false, 0, max_int, 0, 0},
-    {"primitive", "targets", form::targets, nullptr, false, 0, 0, 0, 0},
+    {"mesh", "primitives", "primitive", form::OBJECTS, true},
+    {"mesh", "weights", nullptr, form::NUMBERS, false, -huge_number, huge_number, 0, 65535},
+    {"primitive", "attributes", nullptr, form::ATTRIBUTES, true},
+    {"primitive", "indices", "accessors", form::INDEX},
+    {"primitive", "material", "materials", form::INDEX},
+    {"primitive", "mode", nullptr, form::INTEGER, false, 0, max_int},
+    {"primitive", "targets", nullptr, form::TARGETS},
 
-    {"node", "camera", form::index, "cameras", false, 0, 0, 0, 0},
-    {"node", "children", form::indices, "nodes", false, 0, 0, 0, 0},
-    {"node", "skin", form::index, "skins", false, 0, 0, 0, 0},
-    {"node", "mesh", form::index, "meshes", false, 0, 0, 0, 0},
-    {"node", "matrix", form::numbers, nullptr, false, -huge_number, huge_number, 16, 16},
-    {"node", "rotation", form::numbers, nullptr, false, -huge_number, huge_number, 4, 4},
-    {"node", "scale", form::numbers, nullptr, false, -huge_number, huge_number, 3, 3},
-    {"node", "translation", form::numbers, nullptr, false, -huge_number, huge_number, 3, 3},
-    {"node", "weights", form::numbers, nullptr, false, -huge_number, huge_number, 0, 65535},
-    {"node", "KHR_lights_punctual", form::object, "nodeLight", false, 0, 0, 0, 0},
-    {"scene", "nodes", form::indices, "nodes", false, 0, 0, 0, 0},
-    {"skin", "inverseBindMatrices", form::index, "accessors", false, 0, 0, 0, 0},
-    {"skin", "skeleton", form::index, "nodes", false, 0, 0, 0, 0},
-    {"skin", "joints", form::indices, "nodes", true, 0, 0, 0, 0},
+    {"node", "camera", "cameras", form::INDEX},
+    {"node", "children", "nodes", form::INDICES},
+    {"node", "skin", "skins", form::INDEX},
+    {"node", "mesh", "meshes", form::INDEX},
+    {"node", "matrix", nullptr, form::NUMBERS, false, -huge_number, huge_number, 16, 16},
+    {"node", "rotation", nullptr, form::NUMBERS, false, -huge_number, huge_number, 4, 4},
+    {"node", "scale", nullptr, form::NUMBERS, false, -huge_number, huge_number, 3, 3},
+    {"node", "translation", nullptr, form::NUMBERS, false, -huge_number, huge_number, 3, 3},
+    {"node", "weights", nullptr, form::NUMBERS, false, -huge_number, huge_number, 0, 65535},
+    {"node", "KHR_lights_punctual", "nodeLight", form::OBJECT},
+    {"scene", "nodes", "nodes", form::INDICES},
+    {"skin", "inverseBindMatrices", "accessors", form::INDEX},
+    {"skin", "skeleton", "nodes", form::INDEX},
+    {"skin", "joints", "nodes", form::INDICES, true},
 
-    {"lightList", "lights", form::objects, "light", true, 0, 0, 0, 0},
-    {"nodeLight", "light", form::index, "lights", true, 0, 0, 0, 0},
-    {"light", "type", form::text, nullptr, true, 0, 0, 0, 0},
-    {"light", "color", form::numbers, nullptr, false, 0, huge_number, 3, 3},
-    {"light", "intensity", form::number, nullptr, false, 0, huge_number, 0, 0},
-    {"light", "range", form::number, nullptr, false, 0, any, 0, 0},
-    {"light", "spot", form::object, "spot", false, 0, 0, 0, 0},
-    {"spot", "innerConeAngle", form::number, nullptr, false, 0, 1.5707963267948966, 0, 0},
-    {"spot", "outerConeAngle", form::number, nullptr, false, 0, 1.5707963267948966, 0, 0},
+    {"lightList", "lights", "light", form::OBJECTS, true},
+    {"nodeLight", "light", "lights", form::INDEX, true},
+    {"light", "type", nullptr, form::TEXT, true},
+    {"light", "color", nullptr, form::NUMBERS, false, 0, huge_number, 3, 3},
+    {"light", "intensity", nullptr, form::NUMBER, false, 0, huge_number},
+    {"light", "range", nullptr, form::NUMBER, false, 0, any},
+    {"light", "spot", "spot", form::OBJECT},
+    {"spot", "innerConeAngle", nullptr, form::NUMBER, false, 0, 1.5707963267948966},
+    {"spot", "outerConeAngle", nullptr, form::NUMBER, false, 0, 1.5707963267948966},
 };
 
 class schema_walk
@@ -283,33 +282,33 @@ class schema_walk
     void check_member(json &value, const member &m, const std::string &place)
     {
         switch (m.what) {
-        case form::integer:
+        case form::INTEGER:
             check_integer(value, m.low, m.high, place);
             return;
-        case form::number:
+        case form::NUMBER:
             check_number(value, m, place);
             return;
-        case form::numbers:
+        case form::NUMBERS:
             check_numbers(value, m, place);
             return;
-        case form::boolean:
+        case form::BOOLEAN:
             if (!value.is_boolean()) refuse_type(value, place, "true or false");
             return;
-        case form::text:
+        case form::TEXT:
             if (!value.is_string()) refuse_type(value, place, "a string");
             return;
-        case form::index:
+        case form::INDEX:
             check_index(value, m.of, place);
             return;
-        case form::object:
+        case form::OBJECT:
             check_object(value, m.of, place);
             return;
-        case form::attributes:
+        case form::ATTRIBUTES:
             check_attributes(value, place);
             return;
-        case form::indices:
-        case form::objects:
-        case form::targets:
+        case form::INDICES:
+        case form::OBJECTS:
+        case form::TARGETS:
             check_array(value, m, place);
             return;
         }
@@ -320,9 +319,9 @@ class schema_walk
         if (!value.is_array()) refuse_type(value, place, "an array");
         for (size_t i = 0; i < value.size(); ++i) {
             const std::string at = place + "[" + std::to_string(i) + "]";
-            if (m.what == form::indices) check_index(value[i], m.of, at);
-            if (m.what == form::objects) check_object(value[i], m.of, at);
-            if (m.what == form::targets) check_attributes(value[i], at);
+            if (m.what == form::INDICES) check_index(value[i], m.of, at);
+            if (m.what == form::OBJECTS) check_object(value[i], m.of, at);
+            if (m.what == form::TARGETS) check_attributes(value[i], at);
         }
     }
 

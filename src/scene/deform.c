@@ -25,7 +25,7 @@ bool kl_instance_is_deformed(const struct kl_scene *scene, uint32_t instance)
     return in->skin != KL_NONE || scene->meshes[in->mesh].morph_count > 0;
 }
 
-static void normalize_or(double v[3], const float fallback[3], float out[3])
+static void normalize_or(const double v[3], const float fallback[3], float out[3])
 {
     const double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 

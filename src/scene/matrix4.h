@@ -4,6 +4,7 @@
 #define KL_SRC_SCENE_MATRIX4_H
 
 #include <math.h>
+#include <stddef.h>
 
 static inline void kl_mat4_identity(double out[16])
 {
@@ -64,7 +65,7 @@ static inline void kl_mat4_vector(const double m[16], const double v[3], double 
  * too; for a mirrored one the sign is that of the determinant, which is returned. */
 static inline double kl_mat4_cofactors(const double m[16], double out[9])
 {
-    for (int column = 0; column < 3; ++column) {
+    for (size_t column = 0; column < 3; ++column) {
         const double *a = &m[4 * ((column + 1) % 3)];
         const double *b = &m[4 * ((column + 2) % 3)];
         out[3 * column] = a[1] * b[2] - a[2] * b[1];
