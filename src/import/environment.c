@@ -89,11 +89,15 @@ static bool choose_channels(struct exr_job *job, int part)
     if (exr_get_storage(job->file, part, &storage) != EXR_ERR_SUCCESS) return false;
     if (storage != EXR_STORAGE_SCANLINE && storage != EXR_STORAGE_TILED) return false;
     if (exr_get_channels(job->file, part, &list) != EXR_ERR_SUCCESS) return false;
-    job->is_luminance = find_channel(list, "Y") != NULL;
-    const char *const *names = job->is_luminance ? luminance : colors;
+    bool has_rgb = true;
+    for (int i = 0; i < 3; ++i) {
+        if (find_channel(list, colors[i]) == NULL) has_rgb = false;
+    }
+    if (!has_rgb && find_channel(list, "Y") == NULL) return false;
+    job->is_luminance = !has_rgb;
+    const char *const *names = has_rgb ? colors : luminance;
     const bool has_all =
         find_channel(list, names[1]) != NULL && find_channel(list, names[2]) != NULL;
-    if (!job->is_luminance && (!has_all || find_channel(list, "R") == NULL)) return false;
     job->part = part;
     job->plane_count = has_all ? 3 : 1;
     for (int i = 0; i < job->plane_count; ++i) {

@@ -268,6 +268,19 @@ void make_one_line(char *text)
     }
 }
 
+// What could not be read but is not used stops nothing.
+void warn_about_unused(kl_gltf_import &in)
+{
+    for (size_t i = 0; i < in.buffers.size(); ++i) {
+        if (!in.buffers[i].failed) continue;
+        kl_gltf_warn(in, "buffers[%zu]: %.300s: nothing uses it", i, in.buffers[i].why.msg);
+    }
+    for (const kl_gltf_image_source &image : in.images) {
+        if (!image.blob.failed) continue;
+        kl_gltf_warn(in, "%s: %.300s: nothing uses it", image.place.c_str(), image.blob.why.msg);
+    }
+}
+
 struct scene_deleter {
     void operator()(kl_scene *scene) const
     {
@@ -295,6 +308,7 @@ kl_scene *import_bytes(kl_gltf_import &in, const unsigned char *bytes, size_t si
     }
     in.scene->path = kl_gltf_copy_name(path);
     build_scene(in);
+    warn_about_unused(in);
     return scene.release();
 }
 } // namespace

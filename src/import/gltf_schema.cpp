@@ -253,11 +253,15 @@ class schema_walk
     }
 
     // What the tables cannot say; tinygltf would refuse these without naming the place.
-    static void check_dependencies(const json &value, const std::string &type,
-                                   const std::string &place)
+    void check_dependencies(const json &value, const std::string &type, const std::string &place)
     {
         if (type == "light" && value["type"] == "spot" && !value.contains("spot")) {
             kl_import_refuse("%s.spot: missing", place.c_str());
+        }
+        if (type == "node" && value.contains("matrix") &&
+            (value.contains("translation") || value.contains("rotation") ||
+             value.contains("scale"))) {
+            kl_gltf_warn(in, "%s: both a matrix and its parts: the matrix is used", place.c_str());
         }
         if (type == "bufferView" && value.contains("byteStride") &&
             value["byteStride"].get<uint64_t>() % 4 != 0) {

@@ -266,6 +266,12 @@ static void test_moving(void **state)
     assert_false(kl_node_is_animated(&f.scene, KL_NONE, 2));
     assert_false(kl_node_is_animated(&f.scene, 1, 0)); /* not in that animation */
     assert_true(kl_scene_is_moving(&f.scene, KL_NONE));
+    float cubic[18] = {0.0f, 0.0f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+                       0.0f, 0.0f, 0.0f, 1.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f};
+    animate(&f, KL_TRANSLATION, KL_CUBIC_SPLINE, 2, times, cubic);
+    assert_false(kl_scene_is_moving(&f.scene, KL_NONE));
+    cubic[6] = 1.0f; /* the same values, but a swing between them */
+    assert_true(kl_scene_is_moving(&f.scene, KL_NONE));
     f.channel.node = 2; /* a node that nothing hangs on, such as a camera's */
     assert_false(kl_scene_is_moving(&f.scene, KL_NONE));
 }
