@@ -206,21 +206,100 @@ KL_FN kl_vec3 kl_triangle_emission(const kl_scene_view *s, const KL_GLOBAL kl_li
     return kl_v3(m->emission[0] * e.r, m->emission[1] * e.g, m->emission[2] * e.b);
 }
 
+/* A triangle light as seen from a point: unit directions to its corners and the solid angle. */
+typedef struct kl_spherical {
+    kl_vec3 a, b, c;
+    float solid_angle; /* [sr] */
+} kl_spherical;
+
+KL_FN kl_spherical kl_light_spherical(const KL_GLOBAL kl_light *l, kl_vec3 p)
+{
+    kl_spherical s;
+    const kl_vec3 to = kl_v3_sub(kl_v3_load(l->pos), p);
+    s.a = kl_normalize(to);
+    s.b = kl_normalize(kl_v3_add(to, kl_v3_load(l->edge1)));
+    s.c = kl_normalize(kl_v3_add(to, kl_v3_load(l->edge2)));
+    /* Van Oosterom and Strackee 1983. */
+    const float volume = kl_fabs(kl_dot(s.a, kl_cross(s.b, s.c)));
+    const float scale = 1.0f + kl_dot(s.a, s.b) + kl_dot(s.b, s.c) + kl_dot(s.c, s.a);
+    s.solid_angle = 2.0f * kl_atan2(volume, scale);
+    return s;
+}
+
+/* Triangles that look larger than this are sampled uniformly over their solid angle, which keeps
+ * close lights free of the 1 / d^2 spikes; smaller ones over their area. */
+#define KL_SPHERICAL_FROM 0.02f
+
+/* Direction uniformly over a spherical triangle: Arvo, "Stratified Sampling of Spherical
+ * Triangles", SIGGRAPH 1995. */
+KL_FN kl_vec3 kl_spherical_sample(const kl_spherical *s, kl_vec2 u)
+{
+    const kl_vec3 n_ab = kl_normalize(kl_cross(s->a, s->b));
+    const kl_vec3 n_ca = kl_normalize(kl_cross(s->c, s->a));
+    const float cos_alpha = kl_clamp(-kl_dot(n_ab, n_ca), -1.0f, 1.0f);
+    const float sin_alpha = kl_safe_sin(cos_alpha);
+    const float cos_side = kl_dot(s->a, s->b);
+    const float angle = u.x * s->solid_angle - kl_acos(cos_alpha);
+    const float sn = kl_sin(angle);
+    const float cs = kl_cos(angle);
+    const float p = cs - cos_alpha;
+    const float q = sn + sin_alpha * cos_side;
+    const float below = (q * sn + p * cs) * sin_alpha;
+    const float k = below != 0.0f ? ((q * cs - p * sn) * cos_alpha - q) / below : 1.0f;
+    const float cos_b = kl_clamp(k, -1.0f, 1.0f);
+    const kl_vec3 to_c = kl_normalize(kl_v3_mad(s->c, -kl_dot(s->c, s->a), s->a));
+    const kl_vec3 on_side = kl_v3_mad(kl_v3_scale(s->a, cos_b), kl_safe_sin(cos_b), to_c);
+    const float z = 1.0f - u.y * (1.0f - kl_dot(on_side, s->b));
+    const kl_vec3 up = kl_normalize(kl_v3_mad(on_side, -kl_dot(on_side, s->b), s->b));
+    return kl_v3_mad(kl_v3_scale(s->b, z), kl_safe_sin(z), up);
+}
+
+/* Heitz, "A Low-Distortion Map Between Triangle and Square", 2019: keeps strata whole. */
+KL_FN kl_vec2 kl_triangle_map(kl_vec2 u)
+{
+    kl_vec2 b;
+    if (u.x < u.y) {
+        b.x = 0.5f * u.x;
+        b.y = u.y - b.x;
+    } else {
+        b.y = 0.5f * u.y;
+        b.x = u.x - b.y;
+    }
+    return b;
+}
+
+/* Barycentrics of the point where direction d from p meets the triangle's plane, kept inside. */
+KL_FN kl_vec2 kl_triangle_meet(kl_vec3 from_v0, kl_vec3 e1, kl_vec3 e2, kl_vec3 d)
+{
+    kl_vec2 b;
+    const kl_vec3 h = kl_cross(d, e2);
+    const float det = kl_dot(e1, h);
+    const float inverse = det != 0.0f ? 1.0f / det : 0.0f;
+    b.x = kl_clamp(kl_dot(from_v0, h) * inverse, 0.0f, 1.0f);
+    b.y = kl_clamp(kl_dot(d, kl_cross(from_v0, e1)) * inverse, 0.0f, 1.0f - b.x);
+    return b;
+}
+
+/* Density over solid angle of a triangle's sample that lies along unit w at distance^2 d2. */
+KL_FN float kl_triangle_pdf(const KL_GLOBAL kl_light *l, const kl_spherical *s, float cosine,
+                            float d2)
+{
+    if (s->solid_angle > KL_SPHERICAL_FROM) return 1.0f / s->solid_angle;
+    return cosine > 1e-6f ? d2 / (cosine * l->area) : 0.0f;
+}
+
 KL_FN int kl_light_sample_triangle(const kl_scene_view *s, const KL_GLOBAL kl_light *l, kl_vec3 p,
                                    kl_vec2 u, kl_light_sample *out)
 {
     const kl_vec3 e1 = kl_v3_load(l->edge1);
     const kl_vec3 e2 = kl_v3_load(l->edge2);
-    /* Heitz, "A Low-Distortion Map Between Triangle and Square", 2019: keeps strata whole. */
-    float b1, b2;
-    if (u.x < u.y) {
-        b1 = 0.5f * u.x;
-        b2 = u.y - b1;
-    } else {
-        b2 = 0.5f * u.y;
-        b1 = u.x - b2;
+    const kl_spherical sphere = kl_light_spherical(l, p);
+    kl_vec2 b = kl_triangle_map(u);
+    if (sphere.solid_angle > KL_SPHERICAL_FROM) {
+        b = kl_triangle_meet(kl_v3_sub(p, kl_v3_load(l->pos)), e1, e2,
+                             kl_spherical_sample(&sphere, u));
     }
-    const kl_vec3 y = kl_v3_mad(kl_v3_mad(kl_v3_load(l->pos), b1, e1), b2, e2);
+    const kl_vec3 y = kl_v3_mad(kl_v3_mad(kl_v3_load(l->pos), b.x, e1), b.y, e2);
     const kl_vec3 d = kl_v3_sub(y, p);
     const float d2 = kl_dot(d, d);
     if (!(d2 > 0.0f)) return 0;
@@ -229,10 +308,10 @@ KL_FN int kl_light_sample_triangle(const kl_scene_view *s, const KL_GLOBAL kl_li
     float cosine = -kl_dot(kl_normalize(kl_cross(e1, e2)), out->wi);
     if (l->two_sided) cosine = kl_fabs(cosine);
     if (!(cosine > 1e-6f)) return 0;
-    out->radiance = kl_triangle_emission(s, l, b1, b2);
-    out->pdf = d2 / (cosine * l->area);
+    out->radiance = kl_triangle_emission(s, l, b.x, b.y);
+    out->pdf = kl_triangle_pdf(l, &sphere, cosine, d2);
     out->delta = 0;
-    return 1;
+    return out->pdf > 0.0f;
 }
 
 KL_FN int kl_light_sample_punctual(const KL_GLOBAL kl_light *l, kl_vec3 p, kl_light_sample *out)
@@ -298,8 +377,8 @@ KL_FN float kl_light_pdf(const kl_scene_view *s, kl_u32 light, kl_vec3 p, kl_vec
     const float prob = kl_light_probability(s, light, p, n);
     if (l->type == KL_LIGHT_ENVIRONMENT) return prob * kl_env_pdf(s, dir);
     const kl_vec3 ln = kl_normalize(kl_cross(kl_v3_load(l->edge1), kl_v3_load(l->edge2)));
-    const float cosine = kl_fabs(kl_dot(ln, dir));
-    return cosine > 1e-6f ? prob * t * t / (cosine * l->area) : 0.0f;
+    const kl_spherical sphere = kl_light_spherical(l, p);
+    return prob * kl_triangle_pdf(l, &sphere, kl_fabs(kl_dot(ln, dir)), t * t);
 }
 
 /* Ray from a surface point to a light sample, both ends kept off the surfaces. */
