@@ -140,11 +140,10 @@ static json_t *describe(const char *dir, const struct summary *s)
     char scene[KL_HASH_HEX_SIZE];
     char settings[KL_HASH_HEX_SIZE];
     json_t *levels = json_array();
-    json_t *box = total_records(s) == 0
-                      ? json_null()
-                      : json_pack("{s:[fff],s:[fff]}", "min", s->box_min[0], s->box_min[1],
-                                  s->box_min[2], "max", s->box_max[0], s->box_max[1],
-                                  s->box_max[2]);
+    json_t *box = total_records(s) == 0 ? json_null()
+                                        : json_pack("{s:[fff],s:[fff]}", "min", s->box_min[0],
+                                                    s->box_min[1], s->box_min[2], "max",
+                                                    s->box_max[0], s->box_max[1], s->box_max[2]);
 
     for (int l = 0; l < KL_CACHE_LEVELS; ++l) {
         (void)json_array_append_new(
@@ -168,9 +167,8 @@ static void print_text(const char *dir, const struct summary *s)
     kl_hash_to_hex(s->key.scene, KL_DIGEST_SIZE, scene);
     kl_hash_to_hex(s->key.settings, KL_DIGEST_SIZE, settings);
     (void)printf("cache       %s\n", dir);
-    (void)printf("records     %llu (seen %llu, world %llu)\n",
-                 (unsigned long long)total_records(s), (unsigned long long)s->records[0],
-                 (unsigned long long)s->records[1]);
+    (void)printf("records     %llu (seen %llu, world %llu)\n", (unsigned long long)total_records(s),
+                 (unsigned long long)s->records[0], (unsigned long long)s->records[1]);
     (void)printf("segments    %llu, %llu damaged\n", (unsigned long long)s->segments,
                  (unsigned long long)s->damaged);
     (void)printf("bytes       %llu\n", (unsigned long long)s->bytes);

@@ -8,14 +8,14 @@
 
 static json_t *describe(const struct kl_metrics *m)
 {
-    return json_pack(
-        "{s:I,s:I,s:I,s:I,s:I,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f}", "width",
-        (json_int_t)m->width, "height", (json_int_t)m->height, "pixels", (json_int_t)m->pixels,
-        "bad_pixels", (json_int_t)m->bad_pixels, "masked_pixels", (json_int_t)m->masked_pixels,
-        "relmse", m->relmse, "relmse_trimmed", m->relmse_trimmed, "block8_relmse",
-        m->block8_relmse, "rmse", m->rmse, "psnr_db", m->psnr_db, "psnr_peak", m->psnr_peak,
-        "smape", m->smape, "mean_error", m->mean_error, "flip_mean", m->flip_mean, "flip_p95",
-        m->flip_p95, "flip_ldr_mean", m->flip_ldr_mean, "max_abs", m->max_abs);
+    return json_pack("{s:I,s:I,s:I,s:I,s:I,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f}",
+                     "width", (json_int_t)m->width, "height", (json_int_t)m->height, "pixels",
+                     (json_int_t)m->pixels, "bad_pixels", (json_int_t)m->bad_pixels,
+                     "masked_pixels", (json_int_t)m->masked_pixels, "relmse", m->relmse,
+                     "relmse_trimmed", m->relmse_trimmed, "block8_relmse", m->block8_relmse, "rmse",
+                     m->rmse, "psnr_db", m->psnr_db, "psnr_peak", m->psnr_peak, "smape", m->smape,
+                     "mean_error", m->mean_error, "flip_mean", m->flip_mean, "flip_p95",
+                     m->flip_p95, "flip_ldr_mean", m->flip_ldr_mean, "max_abs", m->max_abs);
 }
 
 static void print_text(const struct kl_metrics *m)

@@ -30,9 +30,8 @@ static kl_status write_json(const struct kl_options *o, const struct kl_device_i
 {
     json_t *list = json_array();
     kl_status st = KL_OK;
-    int failed = json_array_append_new(
-        list, json_pack("{s:s,s:s,s:b}", "device", "embree", "name", "this machine's processor",
-                        "usable", 1));
+    int failed = json_array_append_new(list, json_pack("{s:s,s:s,s:b}", "device", "embree", "name",
+                                                       "this machine's processor", "usable", 1));
     for (size_t i = 0; failed == 0 && i < count; ++i) {
         failed = json_array_append_new(list, describe_device(&devices[i], i));
     }

@@ -82,8 +82,7 @@ static kl_status plan_existing(struct run *run, size_t i, struct kl_err *err)
 static kl_status plan_frames(struct run *run, struct kl_err *err)
 {
     struct kl_job *job = &run->job;
-    kl_status st =
-        kl_alloc_array(&run->entries, job->frame_count, sizeof *run->entries, err);
+    kl_status st = kl_alloc_array(&run->entries, job->frame_count, sizeof *run->entries, err);
 
     for (size_t i = 0; st == KL_OK && i < job->frame_count; ++i) {
         char path[KL_JOB_PATH_SIZE];
@@ -142,16 +141,15 @@ static kl_status render_frame(struct run *run, size_t i, struct kl_report_frame 
 static struct kl_report_frame start_entry(const struct run *run, size_t i)
 {
     return (struct kl_report_frame){.frame = run->job.frames[i].frame,
-                                    .outcome = run->entries != NULL ? KL_FRAME_SKIPPED
-                                                                    : KL_FRAME_FILLED,
+                                    .outcome =
+                                        run->entries != NULL ? KL_FRAME_SKIPPED : KL_FRAME_FILLED,
                                     .file = run->entries != NULL ? run->entries[i].path : NULL,
                                     .error_estimate = -1.0};
 }
 
-/* One frame of a run: its own fill in a moving scene (`fill` NULL), then its image. Else the fill of
- * all frames is behind us; the first frame that is not skipped takes it into its account. */
-static kl_status do_frame(struct run *run, size_t i, struct kl_fill_stats *fill,
-                          struct kl_err *err)
+/* One frame of a run: its own fill in a moving scene (`fill` NULL), then its image. Else the fill
+ * of all frames is behind us; the first frame that is not skipped takes it into its account. */
+static kl_status do_frame(struct run *run, size_t i, struct kl_fill_stats *fill, struct kl_err *err)
 {
     struct kl_job *job = &run->job;
     struct kl_report_frame entry = start_entry(run, i);
@@ -180,8 +178,8 @@ static kl_status do_frame(struct run *run, size_t i, struct kl_fill_stats *fill,
     }
     entry.total_seconds = kl_seconds() - start;
     if (fill != NULL) {
-        entry.total_seconds += entry.fill.visibility_seconds + entry.fill.gather_seconds +
-                               entry.fill.insert_seconds;
+        entry.total_seconds +=
+            entry.fill.visibility_seconds + entry.fill.gather_seconds + entry.fill.insert_seconds;
     }
     return st == KL_OK ? kl_report_add_frame(run->report, &entry, err) : st;
 }

@@ -74,8 +74,7 @@ static void print_text(const struct survey *s)
     }
     (void)printf("\nbounds      centre %.4g %.4g %.4g m, radius %.4g m\n", s->center[0],
                  s->center[1], s->center[2], (double)s->flat->radius);
-    (void)printf("materials   %u, with %u textures\n", scene->material_count,
-                 scene->texture_count);
+    (void)printf("materials   %u, with %u textures\n", scene->material_count, scene->texture_count);
     (void)printf("lights      %u (%u in the file's list)\n", s->flat->light_count,
                  scene->light_count);
     if (scene->environment.width > 0) {
@@ -84,9 +83,8 @@ static void print_text(const struct survey *s)
     for (uint32_t i = 0; i < scene->camera_count; ++i) {
         (void)printf("camera      '%s', %s%s\n", scene->cameras[i].name,
                      projection_name(scene->cameras[i].projection),
-                     kl_node_is_animated(scene, s->animation, scene->cameras[i].node)
-                         ? ", moves"
-                         : "");
+                     kl_node_is_animated(scene, s->animation, scene->cameras[i].node) ? ", moves"
+                                                                                      : "");
     }
     for (uint32_t i = 0; i < scene->animation_count; ++i) {
         (void)printf("animation   '%s', %.4g s, %u channels\n", scene->animations[i].name,
@@ -120,9 +118,9 @@ static json_t *describe_lights(const struct survey *s)
     json_t *list = json_array();
     for (uint32_t i = 0; i < s->scene->light_count; ++i) {
         const struct kl_scene_light *l = &s->scene->lights[i];
-        (void)json_array_append_new(list, json_pack("{s:s,s:s,s:f}", "name", l->name, "type",
-                                                    light_type(l->type), "intensity",
-                                                    l->intensity));
+        (void)json_array_append_new(list,
+                                    json_pack("{s:s,s:s,s:f}", "name", l->name, "type",
+                                              light_type(l->type), "intensity", l->intensity));
     }
     return list;
 }
@@ -132,10 +130,9 @@ static json_t *describe_animations(const struct survey *s)
     json_t *list = json_array();
     for (uint32_t i = 0; i < s->scene->animation_count; ++i) {
         const struct kl_animation *a = &s->scene->animations[i];
-        (void)json_array_append_new(list,
-                                    json_pack("{s:s,s:f,s:I}", "name", a->name, "duration",
-                                              a->duration, "channels",
-                                              (json_int_t)a->channel_count));
+        (void)json_array_append_new(list, json_pack("{s:s,s:f,s:I}", "name", a->name, "duration",
+                                                    a->duration, "channels",
+                                                    (json_int_t)a->channel_count));
     }
     return list;
 }

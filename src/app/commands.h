@@ -10,8 +10,7 @@ kl_status kl_command_bake(const struct kl_options *options, struct kl_err *err) 
 kl_status kl_command_compare(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_scene(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_devices(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
-kl_status kl_command_cache_info(const struct kl_options *options,
-                                struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_command_cache_info(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_cache_check(const struct kl_options *options,
                                  struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_sheet(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;

@@ -7,9 +7,17 @@ static const struct {
     kl_status status;
     int code;
 } codes[] = {
-    {KL_OK, 0},           {KL_ERR_USAGE, 1},     {KL_ERR_INPUT, 1},   {KL_ERR_IO, 2},
-    {KL_ERR_NO_MEMORY, 2}, {KL_ERR_DEVICE, 2},    {KL_ERR_INTERRUPTED, 3}, {KL_ERR_STALE, 4},
-    {KL_ERR_CORRUPT, 4},  {KL_ERR_VERSION, 4},   {KL_ERR_LIMIT, 5},
+    {KL_OK, 0},
+    {KL_ERR_USAGE, 1},
+    {KL_ERR_INPUT, 1},
+    {KL_ERR_IO, 2},
+    {KL_ERR_NO_MEMORY, 2},
+    {KL_ERR_DEVICE, 2},
+    {KL_ERR_INTERRUPTED, 3},
+    {KL_ERR_STALE, 4},
+    {KL_ERR_CORRUPT, 4},
+    {KL_ERR_VERSION, 4},
+    {KL_ERR_LIMIT, 5},
 };
 
 int kl_exit_code(kl_status status)

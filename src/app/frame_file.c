@@ -21,8 +21,7 @@ static const char *wanted_layers(const struct kl_job *job)
     return aov != NULL && strcmp(aov, "none") == 0 ? "" : aov;
 }
 
-kl_status kl_frame_file_create(const struct kl_job *job, struct kl_image **out,
-                               struct kl_err *err)
+kl_status kl_frame_file_create(const struct kl_job *job, struct kl_image **out, struct kl_err *err)
 {
     struct kl_image *image = NULL;
     kl_status st = kl_image_create(job->options->width, job->options->height, &image, err);

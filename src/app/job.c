@@ -118,12 +118,16 @@ void kl_job_fini(struct kl_job *job)
 static kl_status open_cache(struct kl_job *job, struct kl_err *err)
 {
     static const enum kl_store_mode modes[] = {
-        [KL_CACHE_MODE_EXTEND] = KL_STORE_EXTEND,   [KL_CACHE_MODE_FREEZE] = KL_STORE_READ,
+        [KL_CACHE_MODE_EXTEND] = KL_STORE_EXTEND,    [KL_CACHE_MODE_FREEZE] = KL_STORE_READ,
         [KL_CACHE_MODE_FREEZE_FILL] = KL_STORE_READ, [KL_CACHE_MODE_REBUILD] = KL_STORE_REBUILD,
         [KL_CACHE_MODE_OFF] = KL_STORE_READ,
     };
     kl_status st = KL_OK;
 
+    if (job->has_store && !job->keeps && !kl_folder_is(job->cache_dir)) {
+        return kl_fail(err, KL_ERR_INPUT, "%s: no such cache; bake it first, or extend",
+                       job->cache_dir);
+    }
     if (job->has_store && job->keeps) {
         st = kl_folders_make(job->cache_dir, kl_renderer_is_moving(job->renderer), err);
     }

@@ -22,14 +22,14 @@ struct kl_job {
     struct kl_scene *scene;
     struct kl_renderer *renderer;
     struct kl_rig *rig;
-    uint32_t animation;               /* KL_NONE: all */
+    uint32_t animation; /* KL_NONE: all */
     size_t frame_count;
-    struct kl_job_frame *frames;      /* in the order of --frames */
-    char pattern[KL_JOB_PATH_SIZE];   /* of image files */
-    char cache_dir[KL_JOB_PATH_SIZE]; /* where the cache lies, if it lies anywhere */
+    struct kl_job_frame *frames;             /* in the order of --frames */
+    char pattern[KL_JOB_PATH_SIZE];          /* of image files */
+    char cache_dir[KL_JOB_PATH_SIZE];        /* where the cache lies, if it lies anywhere */
     bool has_cache, has_store, fills, keeps; /* indirect light from a cache; which is on disk; is
                                                 filled; and written */
-    bool is_open; /* the cache of the present instant */
+    bool is_open;                            /* the cache of the present instant */
     uint64_t open_count;
     uint32_t loaded; /* records that the last opening found */
     struct kl_progress progress;

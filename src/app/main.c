@@ -16,32 +16,55 @@ static const struct command {
     kl_status (*run)(const struct kl_options *options, struct kl_err *err);
     const char *summary;
 } commands[] = {
-    {"render", NULL, {"keeplight render", "SCENE [OPTIONS]", 1, 1, KL_OPTIONS_RENDER},
-     kl_command_render, "fill what is missing, render frames"},
-    {"bake", NULL, {"keeplight bake", "SCENE [OPTIONS]", 1, 1, KL_OPTIONS_RENDER},
-     kl_command_bake, "fill the cache along the camera's way, write no image"},
-    {"cache", "info", {"keeplight cache info", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_JSON},
-     kl_command_cache_info, "what a cache holds"},
-    {"cache", "check", {"keeplight cache check", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_JSON},
-     kl_command_cache_check, "whether a cache is whole"},
-    {"compare", NULL,
+    {"render",
+     NULL,
+     {"keeplight render", "SCENE [OPTIONS]", 1, 1, KL_OPTIONS_RENDER},
+     kl_command_render,
+     "fill what is missing, render frames"},
+    {"bake",
+     NULL,
+     {"keeplight bake", "SCENE [OPTIONS]", 1, 1, KL_OPTIONS_RENDER},
+     kl_command_bake,
+     "fill the cache along the camera's way, write no image"},
+    {"cache",
+     "info",
+     {"keeplight cache info", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_JSON},
+     kl_command_cache_info,
+     "what a cache holds"},
+    {"cache",
+     "check",
+     {"keeplight cache check", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_JSON},
+     kl_command_cache_check,
+     "whether a cache is whole"},
+    {"compare",
+     NULL,
      {"keeplight compare", "TEST.exr REFERENCE.exr [OPTIONS]", 2, 2, KL_OPTIONS_COMPARE},
-     kl_command_compare, "error metrics of an image against a reference"},
-    {"scene", NULL, {"keeplight scene", "SCENE [OPTIONS]", 1, 1, KL_OPTIONS_SCENE},
-     kl_command_scene, "what was understood of a scene, what it needs"},
-    {"devices", NULL, {"keeplight devices", "[OPTIONS]", 0, 0, KL_OPTIONS_JSON},
-     kl_command_devices, "who can gather"},
-    {"sheet", NULL,
+     kl_command_compare,
+     "error metrics of an image against a reference"},
+    {"scene",
+     NULL,
+     {"keeplight scene", "SCENE [OPTIONS]", 1, 1, KL_OPTIONS_SCENE},
+     kl_command_scene,
+     "what was understood of a scene, what it needs"},
+    {"devices",
+     NULL,
+     {"keeplight devices", "[OPTIONS]", 0, 0, KL_OPTIONS_JSON},
+     kl_command_devices,
+     "who can gather"},
+    {"sheet",
+     NULL,
      {"keeplight sheet", "SHEET.png FRAME.exr... [OPTIONS]", 2, MANY, KL_OPTIONS_SHEET},
-     kl_command_sheet, "a contact sheet of frames"},
+     kl_command_sheet,
+     "a contact sheet of frames"},
 };
 enum { COMMANDS = sizeof commands / sizeof commands[0] };
 
 static void print_help(void)
 {
-    (void)printf("keeplight %s: global illumination for animations that keeps the light\n\n"
-                 "usage: keeplight COMMAND [OPTIONS]; keeplight COMMAND --help lists its options\n\n",
-                 KL_VERSION);
+    (void)printf(
+        "keeplight %s: global illumination for animations that keeps the light\n\n"
+        "usage: keeplight COMMAND [OPTIONS]; keeplight COMMAND --help lists its options\n\n",
+        KL_VERSION);
     for (int i = 0; i < COMMANDS; ++i) {
         const struct command *c = &commands[i];
         (void)printf("  %-8s%-8s%s\n", c->name, c->verb != NULL ? c->verb : "", c->summary);

@@ -68,43 +68,46 @@ enum option_id {
 #define SCENE_OPTIONS                                                                              \
     TEXT("env", OPT_ENV, "Light from the sky: a lat-long OpenEXR image", "SKY.exr"),               \
         TEXT("animation", OPT_ANIMATION, "Animation of the scene to follow (default: all)",        \
-             "NAME|all")
+             "NAME")
 
 static const struct poptOption render_options[] = {
     SCENE_OPTIONS,
-    TEXT("frames", OPT_FRAMES, "Frames (default: the animation's range, or 1)", "1-48x2,60"),
+    TEXT("frames", OPT_FRAMES, "Frames, as 1-48x2,60 (default: the animation's range, or 1)",
+         "LIST"),
     TEXT("fps", OPT_FPS, "Frames a second; frame f is the instant f/fps (default: 24)", "RATE"),
-    TEXT("shutter", OPT_SHUTTER, "Shutter in degrees or frames (default: 0, no blur)", "180|0.5f"),
-    TEXT("shutter-offset", OPT_SHUTTER_OFFSET, "Move the shutter's centre (default: 0)",
-         "DEGREES|0.1f"),
+    TEXT("shutter", OPT_SHUTTER, "Shutter: 180 (degrees) or 0.5f (frames) (default: 0, no blur)",
+         "LENGTH"),
+    TEXT("shutter-offset", OPT_SHUTTER_OFFSET, "Move the shutter's centre (default: 0)", "LENGTH"),
     TEXT("camera", OPT_CAMERA, "Camera of the scene (default: the first)", "NAME"),
     TEXT("turntable", OPT_TURNTABLE, "Orbit the scene once in N frames", "N"),
     TEXT("path", OPT_PATH, "Fly along a keyframed path", "FILE.json"),
     TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),
     TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N"),
-    TEXT("indirect", OPT_INDIRECT, "Where indirect diffuse light comes from (default: cache)",
-         "cache|path|off"),
+    TEXT("indirect", OPT_INDIRECT,
+         "Where indirect diffuse light comes from: cache, path or off (default: cache)", "HOW"),
     TEXT("cache", OPT_CACHE, "Cache folder (default: SCENE.klc beside the output)", "DIR.klc"),
-    TEXT("cache-mode", OPT_CACHE_MODE, "What to do with the cache (default: extend)",
-         "extend|freeze|freeze-fill|rebuild|off"),
+    TEXT("cache-mode", OPT_CACHE_MODE,
+         "extend, freeze, freeze-fill, rebuild or off; append, load and prepass are other words "
+         "for extend, freeze and rebuild (default: extend)",
+         "MODE"),
     TEXT("error", OPT_ERROR, "Relative error of indirect irradiance to aim at (default: 0.02)",
          "E"),
-    TEXT("preset", OPT_PRESET, "Choose --error and --spp together",
-         "draft|still|animation|final"),
+    TEXT("preset", OPT_PRESET,
+         "Choose --error and --spp together: draft, still, animation or final", "NAME"),
     TEXT("rays", OPT_RAYS, "Advanced: gather rays of a record (default: 1024)", "N"),
-    TEXT("device", OPT_DEVICE, "Who gathers the batches (default: auto)",
-         "auto|embree|opencl[:N]"),
+    TEXT("device", OPT_DEVICE, "Who gathers: auto, embree, opencl or opencl:N (default: auto)",
+         "WHO"),
     TEXT("threads", OPT_THREADS, "Threads (default: all cores); results do not depend on it", "N"),
     TEXT("seed", OPT_SEED, "Seed of the image samples (default: 0)", "N"),
     TEXT("out", OPT_OUT, "Image files (default: SCENE.####.exr)", "PATTERN"),
-    TEXT("aov", OPT_AOV, "Layers to write beside beauty (default: all)", "LIST|all|none"),
+    TEXT("aov", OPT_AOV, "Layers beside beauty: a list, all or none (default: all)", "LIST"),
     FLAG("png", OPT_PNG, "Write a PNG preview beside each image"),
     FLAG("overwrite", OPT_OVERWRITE, "Render frames that exist already"),
     FLAG("resume", OPT_RESUME, "Skip frames that are done (always so, without --overwrite)"),
-    TEXT("time-limit", OPT_TIME_LIMIT, "Stop after this long, with exit code 5", "1h30m"),
+    TEXT("time-limit", OPT_TIME_LIMIT, "Stop after this long, as 1h30m, with exit code 5", "TIME"),
     TEXT("report", OPT_REPORT, "Write what it took and how good it is as JSON", "FILE.json"),
-    TEXT("progress", OPT_PROGRESS, "How to show progress on stderr (default: auto)",
-         "auto|plain|json|off"),
+    TEXT("progress", OPT_PROGRESS, "Progress on stderr: auto, plain, json or off (default: auto)",
+         "HOW"),
     HELP,
     POPT_TABLEEND,
 };
@@ -133,11 +136,15 @@ static const struct poptOption *const option_sets[] = {
 
 /* The names before the synonyms: kl_cache_mode_name takes the first. */
 static const struct kl_option_word cache_modes[] = {
-    {"extend", KL_CACHE_MODE_EXTEND},   {"freeze", KL_CACHE_MODE_FREEZE},
+    {"extend", KL_CACHE_MODE_EXTEND},
+    {"freeze", KL_CACHE_MODE_FREEZE},
     {"freeze-fill", KL_CACHE_MODE_FREEZE_FILL},
-    {"rebuild", KL_CACHE_MODE_REBUILD}, {"off", KL_CACHE_MODE_OFF},
-    {"append", KL_CACHE_MODE_EXTEND},   {"load", KL_CACHE_MODE_FREEZE},
-    {"prepass", KL_CACHE_MODE_REBUILD}, {NULL, 0},
+    {"rebuild", KL_CACHE_MODE_REBUILD},
+    {"off", KL_CACHE_MODE_OFF},
+    {"append", KL_CACHE_MODE_EXTEND},
+    {"load", KL_CACHE_MODE_FREEZE},
+    {"prepass", KL_CACHE_MODE_REBUILD},
+    {NULL, 0},
 };
 static const struct kl_option_word indirects[] = {
     {"cache", KL_INDIRECT_OPTION_CACHE},
@@ -146,8 +153,11 @@ static const struct kl_option_word indirects[] = {
     {NULL, 0},
 };
 static const struct kl_option_word progress_modes[] = {
-    {"auto", KL_PROGRESS_AUTO}, {"plain", KL_PROGRESS_PLAIN}, {"json", KL_PROGRESS_JSON},
-    {"off", KL_PROGRESS_OFF},   {NULL, 0},
+    {"auto", KL_PROGRESS_AUTO},
+    {"plain", KL_PROGRESS_PLAIN},
+    {"json", KL_PROGRESS_JSON},
+    {"off", KL_PROGRESS_OFF},
+    {NULL, 0},
 };
 
 static const char *find_name(const struct kl_option_word *words, int value)
@@ -218,51 +228,81 @@ static void set_flag(struct kl_options *o, int id)
 static kl_status set_number(struct kl_options *o, int id, const char *text, struct kl_err *err)
 {
     switch (id) {
-    case OPT_FPS: return kl_fps_parse(text, &o->fps, err);
-    case OPT_SHUTTER: return kl_shutter_parse_length(text, &o->shutter.length, err);
-    case OPT_SHUTTER_OFFSET: return kl_shutter_parse_offset(text, &o->shutter.offset, err);
-    case OPT_TURNTABLE: return kl_option_read_u32("turntable", text, 1, 1000000, &o->turntable, err);
-    case OPT_SIZE: return kl_option_read_size("size", text, &o->width, &o->height, err);
-    case OPT_SPP: return kl_option_read_u32("spp", text, 1, 65536, &o->spp, err);
-    case OPT_ERROR: return kl_option_read_number("error", text, 0.001, 1.0, &o->error, err);
-    case OPT_RAYS: return kl_option_read_u32("rays", text, 16, 65536, &o->rays, err);
-    case OPT_THREADS: return kl_option_read_u32("threads", text, 1, 1024, &o->threads, err);
-    case OPT_SEED: return kl_option_read_u32("seed", text, 0, UINT32_MAX, &o->seed, err);
-    case OPT_TIME_LIMIT: return kl_duration_parse(text, &o->time_limit, err);
-    case OPT_COLUMNS: return kl_option_read_u32("columns", text, 1, 1000, &o->columns, err);
-    case OPT_REDUCE: return kl_option_read_u32("reduce", text, 1, 64, &o->reduce, err);
+    case OPT_FPS:
+        return kl_fps_parse(text, &o->fps, err);
+    case OPT_SHUTTER:
+        return kl_shutter_parse_length(text, &o->shutter.length, err);
+    case OPT_SHUTTER_OFFSET:
+        return kl_shutter_parse_offset(text, &o->shutter.offset, err);
+    case OPT_TURNTABLE:
+        return kl_option_read_u32("turntable", text, 1, 1000000, &o->turntable, err);
+    case OPT_SIZE:
+        return kl_option_read_size("size", text, &o->width, &o->height, err);
+    case OPT_SPP:
+        return kl_option_read_u32("spp", text, 1, 65536, &o->spp, err);
+    case OPT_ERROR:
+        return kl_option_read_number("error", text, 0.001, 1.0, &o->error, err);
+    case OPT_RAYS:
+        return kl_option_read_u32("rays", text, 16, 65536, &o->rays, err);
+    case OPT_THREADS:
+        return kl_option_read_u32("threads", text, 1, 1024, &o->threads, err);
+    case OPT_SEED:
+        return kl_option_read_u32("seed", text, 0, UINT32_MAX, &o->seed, err);
+    case OPT_TIME_LIMIT:
+        return kl_duration_parse(text, &o->time_limit, err);
+    case OPT_COLUMNS:
+        return kl_option_read_u32("columns", text, 1, 1000, &o->columns, err);
+    case OPT_REDUCE:
+        return kl_option_read_u32("reduce", text, 1, 64, &o->reduce, err);
     case OPT_MASK_ABOVE:
         return kl_option_read_number("mask-above", text, 0.0, 1e30, &o->mask_above, err);
-    default: return kl_option_read_number("exposure", text, -64.0, 64.0, &o->exposure, err);
+    default:
+        return kl_option_read_number("exposure", text, -64.0, 64.0, &o->exposure, err);
     }
 }
 
 static kl_status set_option(struct kl_options *o, int id, const char *text, struct kl_err *err)
 {
     switch (id) {
-    case OPT_ENV: return set_text(&o->env, text, err);
-    case OPT_ANIMATION: return set_text(&o->animation, text, err);
-    case OPT_FRAMES: return set_frames(o, text, err);
-    case OPT_CAMERA: return set_text(&o->camera, text, err);
-    case OPT_PATH: return set_text(&o->path, text, err);
-    case OPT_CACHE: return set_text(&o->cache, text, err);
-    case OPT_PRESET: return set_text(&o->preset, text, err);
-    case OPT_DEVICE: return set_text(&o->device, text, err);
-    case OPT_OUT: return set_text(&o->out, text, err);
-    case OPT_AOV: return set_text(&o->aov, text, err);
-    case OPT_REPORT: return set_text(&o->report, text, err);
-    case OPT_DIFF: return set_text(&o->diff, text, err);
+    case OPT_ENV:
+        return set_text(&o->env, text, err);
+    case OPT_ANIMATION:
+        return set_text(&o->animation, text, err);
+    case OPT_FRAMES:
+        return set_frames(o, text, err);
+    case OPT_CAMERA:
+        return set_text(&o->camera, text, err);
+    case OPT_PATH:
+        return set_text(&o->path, text, err);
+    case OPT_CACHE:
+        return set_text(&o->cache, text, err);
+    case OPT_PRESET:
+        return set_text(&o->preset, text, err);
+    case OPT_DEVICE:
+        return set_text(&o->device, text, err);
+    case OPT_OUT:
+        return set_text(&o->out, text, err);
+    case OPT_AOV:
+        return set_text(&o->aov, text, err);
+    case OPT_REPORT:
+        return set_text(&o->report, text, err);
+    case OPT_DIFF:
+        return set_text(&o->diff, text, err);
     case OPT_INDIRECT:
     case OPT_CACHE_MODE:
-    case OPT_PROGRESS: return set_choice(o, id, text, err);
+    case OPT_PROGRESS:
+        return set_choice(o, id, text, err);
     case OPT_JSON:
         o->json = true;
         return text == NULL ? KL_OK : set_text(&o->json_file, text, err);
     case OPT_HELP:
     case OPT_PNG:
     case OPT_OVERWRITE:
-    case OPT_RESUME: set_flag(o, id); return KL_OK;
-    default: return set_number(o, id, text, err);
+    case OPT_RESUME:
+        set_flag(o, id);
+        return KL_OK;
+    default:
+        return set_number(o, id, text, err);
     }
 }
 
@@ -374,11 +414,8 @@ kl_status kl_options_parse(int argc, const char **argv, const struct kl_option_u
     poptContext con = NULL;
     kl_status st = KL_OK;
 
-    *out = (struct kl_options){.start = kl_seconds(),
-                               .fps = {24, 1},
-                               .width = 1280,
-                               .height = 720,
-                               .rays = 1024};
+    *out = (struct kl_options){
+        .start = kl_seconds(), .fps = {24, 1}, .width = 1280, .height = 720, .rays = 1024};
     st = join_command_line(out, argc, argv, err);
     if (st != KL_OK) return st;
     con = poptGetContext(NULL, argc, argv, option_sets[use->set], 0);
@@ -399,9 +436,9 @@ kl_status kl_options_parse(int argc, const char **argv, const struct kl_option_u
 void kl_options_fini(struct kl_options *options)
 {
     struct kl_options *o = options;
-    char *const texts[] = {o->command_line, o->env, o->animation, o->camera, o->path,
-                           o->cache, o->device, o->preset, o->out, o->aov,
-                           o->report, o->json_file, o->diff};
+    char *const texts[] = {o->command_line, o->env,       o->animation, o->camera, o->path,
+                           o->cache,        o->device,    o->preset,    o->out,    o->aov,
+                           o->report,       o->json_file, o->diff};
 
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; ++i) {
         free(texts[i]);

@@ -17,7 +17,11 @@ enum kl_cache_mode {
     KL_CACHE_MODE_REBUILD,
     KL_CACHE_MODE_OFF,
 };
-enum kl_indirect_option { KL_INDIRECT_OPTION_CACHE, KL_INDIRECT_OPTION_PATH, KL_INDIRECT_OPTION_OFF };
+enum kl_indirect_option {
+    KL_INDIRECT_OPTION_CACHE,
+    KL_INDIRECT_OPTION_PATH,
+    KL_INDIRECT_OPTION_OFF
+};
 enum kl_progress_mode {
     KL_PROGRESS_AUTO,
     KL_PROGRESS_TERMINAL, /* auto, where stderr is a terminal */
@@ -28,11 +32,11 @@ enum kl_progress_mode {
 
 /* Defaults are filled in. Strings are owned; NULL: not given. */
 struct kl_options {
-    double start;            /* kl_seconds() when the program began */
+    double start; /* kl_seconds() when the program began */
     char *command_line;
-    size_t argument_count;   /* what is not an option */
+    size_t argument_count; /* what is not an option */
     char **arguments;
-    bool help;               /* --help was asked for and has been printed */
+    bool help; /* --help was asked for and has been printed */
 
     char *env, *animation;
     bool has_frames;
@@ -40,7 +44,7 @@ struct kl_options {
     struct kl_fps fps;
     struct kl_shutter shutter;
     char *camera, *path;
-    uint32_t turntable;      /* frames of a turn, 0: none */
+    uint32_t turntable; /* frames of a turn, 0: none */
     uint32_t width, height, spp;
 
     enum kl_indirect_option indirect;
@@ -51,11 +55,11 @@ struct kl_options {
 
     char *out, *aov;
     bool overwrite, png;
-    double time_limit;       /* [s], 0: none */
+    double time_limit; /* [s], 0: none */
     char *report;
     enum kl_progress_mode progress;
 
-    bool json;               /* --json was given; without a file: to stdout */
+    bool json; /* --json was given; without a file: to stdout */
     char *json_file, *diff;
     double mask_above, exposure; /* [nit], 0: no mask; [stops] */
     uint32_t columns, reduce;

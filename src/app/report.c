@@ -3,8 +3,8 @@
 #include "src/app/json_text.h"
 #include "src/app/scene_file.h"
 #include "src/app/version.h"
-#include "src/base/hash.h"
 #include "src/base/clock.h"
+#include "src/base/hash.h"
 #include "src/base/memory.h"
 
 #include <jansson.h>
@@ -103,15 +103,14 @@ kl_status kl_report_add_frame(struct kl_report *report, const struct kl_report_f
                                            [KL_FRAME_SKIPPED] = "skipped",
                                            [KL_FRAME_FILLED] = "filled"};
     const struct kl_report_frame *f = frame;
-    json_t *seconds = json_pack(
-        "{s:f,s:f,s:f,s:f,s:f,s:f,s:f}", "total", f->total_seconds, "visibility",
-        f->fill.visibility_seconds, "fill", fill_seconds(&f->fill), "gather",
-        f->fill.gather_seconds, "insert", f->fill.insert_seconds, "shade", f->shade_seconds,
-        "write", f->write_seconds);
-    json_t *records =
-        json_pack("{s:I,s:I,s:I,s:I}", "loaded", integer(f->loaded), "added",
-                  integer(added_by(&f->fill)), "refreshed", integer(0), "late",
-                  integer(f->counts.late));
+    json_t *seconds =
+        json_pack("{s:f,s:f,s:f,s:f,s:f,s:f,s:f}", "total", f->total_seconds, "visibility",
+                  f->fill.visibility_seconds, "fill", fill_seconds(&f->fill), "gather",
+                  f->fill.gather_seconds, "insert", f->fill.insert_seconds, "shade",
+                  f->shade_seconds, "write", f->write_seconds);
+    json_t *records = json_pack("{s:I,s:I,s:I,s:I}", "loaded", integer(f->loaded), "added",
+                                integer(added_by(&f->fill)), "refreshed", integer(0), "late",
+                                integer(f->counts.late));
     json_t *rays =
         json_pack("{s:I,s:I,s:I,s:I}", "primary", integer(f->fill.primary_rays + f->counts.primary),
                   "shadow", integer(f->counts.shadow), "gather", integer(f->fill.gather_rays),
@@ -190,10 +189,10 @@ static json_t *describe_total(const struct kl_report *report, const struct kl_jo
     json_t *seconds = json_pack("{s:f,s:f,s:f,s:f,s:f}", "visibility", s->fill.visibility_seconds,
                                 "gather", s->fill.gather_seconds, "insert", s->fill.insert_seconds,
                                 "shade", s->shade_seconds, "write", s->write_seconds);
-    json_t *rays = json_pack("{s:I,s:I,s:I,s:I}", "primary",
-                             integer(s->fill.primary_rays + s->counts.primary), "shadow",
-                             integer(s->counts.shadow), "gather", integer(s->fill.gather_rays),
-                             "path", integer(s->counts.path));
+    json_t *rays =
+        json_pack("{s:I,s:I,s:I,s:I}", "primary", integer(s->fill.primary_rays + s->counts.primary),
+                  "shadow", integer(s->counts.shadow), "gather", integer(s->fill.gather_rays),
+                  "path", integer(s->counts.path));
 
     kl_renderer_get_cache(job->renderer, &state);
     return json_pack(

@@ -48,8 +48,7 @@ static kl_status find_camera(const struct kl_scene *scene, const char *name, uin
                    list);
 }
 
-static kl_status create_orbit(struct kl_rig *rig, struct kl_renderer *renderer,
-                              struct kl_err *err)
+static kl_status create_orbit(struct kl_rig *rig, struct kl_renderer *renderer, struct kl_err *err)
 {
     const struct kl_options *o = rig->options;
     struct kl_flight_orbit orbit = {.yfov = scene_yfov(rig->scene),
@@ -173,7 +172,7 @@ kl_status kl_rig_camera(const struct kl_rig *rig, int32_t frame, struct kl_camer
     kl_flight_get_view(rig->flight, rig->stands ? 1 : frame, rig->stands ? 0.0 : o->shutter.offset,
                        &view);
     kl_renderer_get_origin(rig->renderer, origin);
-    *out = kl_camera_look_at(view.eye, view.target, view.up, view.yfov, origin, o->width,
-                             o->height);
+    *out =
+        kl_camera_look_at(view.eye, view.target, view.up, view.yfov, origin, o->width, o->height);
     return KL_OK;
 }
