@@ -72,7 +72,8 @@ static void slerp(const float *a, const float *b, double t, double out[4])
 }
 
 /* Appendix C.5: cubic Hermite spline; the tangents are per second. */
-static void hermite(const struct kl_animation_channel *channel, const struct key_span *span, double *out)
+static void hermite(const struct kl_animation_channel *channel, const struct key_span *span,
+                    double *out)
 {
     const size_t width = channel->width;
     const float *from = channel->values + (size_t)span->first * 3 * width;

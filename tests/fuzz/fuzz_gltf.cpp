@@ -42,7 +42,7 @@ void check_scene(const kl_scene &scene)
     }
     for (uint32_t a = 0; a < scene.animation_count; ++a) {
         for (uint32_t c = 0; c < scene.animations[a].channel_count; ++c) {
-            const kl_anim_channel &channel = scene.animations[a].channels[c];
+            const kl_animation_channel &channel = scene.animations[a].channels[c];
             require(channel.key_count > 0 && channel.node < scene.node_count);
             for (uint32_t k = 1; k < channel.key_count; ++k) {
                 require(channel.times[k] > channel.times[k - 1]);
