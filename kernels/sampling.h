@@ -136,7 +136,7 @@ KL_FN kl_vec3 kl_cosine_direction(kl_vec2 u)
 }
 
 /* Octahedral unit vectors in 2 x 16 bits: Cigolle et al., JCGT 2014. Decoding is exact enough that
- * encode(decode(x)) == x. */
+ * encode(decode(x)) == x off the square's rim, where two codes stand for one direction. */
 KL_FN kl_vec3 kl_oct_decode(kl_u32 code)
 {
     const float x = (float)(kl_i16)(kl_u16)(code & 0xffffu) * (1.0f / 32767.0f);
@@ -181,8 +181,10 @@ KL_FN kl_u32 kl_float_to_half(float f)
     if (mag > 0x7f800000u) return 0;
     if (mag >= 0x477ff000u) return sign | 0x7bffu;
     if (mag < 0x38800000u) { /* denormal half: multiples of 2^-24 */
-        const float r = kl_fabs(f) * 16777216.0f + 0.5f;
-        return sign | (kl_u32)r;
+        const float r = kl_fabs(f) * 16777216.0f;
+        const kl_u32 whole = (kl_u32)r;
+        const float rest = r - (float)whole;
+        return sign | (whole + (rest > 0.5f || (rest == 0.5f && (whole & 1u)) ? 1u : 0u));
     }
     mag += 0xfffu + ((mag >> 13) & 1u);
     return sign | ((mag - 0x38000000u) >> 13);
