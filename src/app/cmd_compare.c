@@ -1,4 +1,5 @@
 #include "src/app/commands.h"
+#include "src/app/folders.h"
 #include "src/app/json_text.h"
 #include "src/image/exr.h"
 #include "src/image/metrics.h"
@@ -56,8 +57,10 @@ kl_status kl_command_compare(const struct kl_options *options, struct kl_err *er
     struct kl_image *test = NULL;
     struct kl_image *reference = NULL;
     struct kl_metrics metrics;
-    kl_status st = kl_exr_read(o->arguments[0], &test, err);
+    kl_status st = kl_file_expect(o->arguments[0], "", err);
 
+    if (st == KL_OK) st = kl_file_expect(o->arguments[1], "", err);
+    if (st == KL_OK) st = kl_exr_read(o->arguments[0], &test, err);
     if (st == KL_OK) st = kl_exr_read(o->arguments[1], &reference, err);
     if (st == KL_OK) st = kl_metrics_compare(test, reference, &metrics_options, &metrics, err);
     if (st == KL_OK && o->json) st = write_json(o, &metrics, err);

@@ -153,7 +153,7 @@ static json_t *describe(const struct survey *s)
         (json_int_t)scene->material_count, "textures", (json_int_t)scene->texture_count, "lights",
         (json_int_t)s->flat->light_count, "bounds", "center", s->center[0], s->center[1],
         s->center[2], "radius", (double)s->flat->radius, "cameras", describe_cameras(s),
-        "punctual_lights", describe_lights(s), "animations", describe_animations(s), "moves",
+        "punctual_lights", describe_lights(s), "animations", describe_animations(s), "moving",
         (int)s->moving, "needs", needs, "sky", (int)scene->environment.width,
         (int)scene->environment.height);
 }

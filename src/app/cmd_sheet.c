@@ -1,4 +1,5 @@
 #include "src/app/commands.h"
+#include "src/app/folders.h"
 #include "src/base/memory.h"
 #include "src/image/exr.h"
 #include "src/image/png.h"
@@ -16,7 +17,8 @@ kl_status kl_command_sheet(const struct kl_options *options, struct kl_err *err)
     kl_status st = kl_alloc_array(&images, count, sizeof(struct kl_image *), err);
 
     for (size_t i = 0; st == KL_OK && i < count; ++i) {
-        st = kl_exr_read(o->arguments[i + 1], &images[i], err);
+        st = kl_file_expect(o->arguments[i + 1], "", err);
+        if (st == KL_OK) st = kl_exr_read(o->arguments[i + 1], &images[i], err);
     }
     if (st == KL_OK) {
         const struct kl_png_sheet sheet = {.count = count,

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 static kl_status make_folder(const char *path, struct kl_err *err)
 {
@@ -35,6 +36,12 @@ bool kl_folder_is(const char *path)
 {
     struct stat info;
     return stat(path, &info) == 0 && S_ISDIR(info.st_mode);
+}
+
+kl_status kl_file_expect(const char *path, const char *option, struct kl_err *err)
+{
+    if (access(path, F_OK) == 0) return KL_OK;
+    return kl_fail(err, KL_ERR_INPUT, "%s%s: no such file", option, path);
 }
 
 size_t kl_path_folder_length(const char *path)

@@ -10,6 +10,9 @@
 /* Create the folders that `path` lies in, and with `itself` the last component too. */
 kl_status kl_folders_make(const char *path, bool itself, struct kl_err *err) KL_MUST_CHECK;
 bool kl_folder_is(const char *path);
+/* KL_ERR_INPUT where there is none: a name that is wrong is bad input, a disk that fails is not.
+ * `option`: "--env: ", or "". */
+kl_status kl_file_expect(const char *path, const char *option, struct kl_err *err) KL_MUST_CHECK;
 
 /* "a/b.c.glb": stem "b.c". KL_ERR_USAGE where the result does not fit. */
 kl_status kl_path_get_stem(const char *path, char *out, size_t size,

@@ -1,6 +1,7 @@
 #include "src/app/rig.h"
 
 #include "src/app/flight.h"
+#include "src/app/folders.h"
 #include "src/base/memory.h"
 
 #include <math.h>
@@ -74,8 +75,11 @@ kl_status kl_rig_create(const struct kl_scene *scene, struct kl_renderer *render
     rig->renderer = renderer;
     rig->options = options;
     if (o->path != NULL) {
-        st = kl_flight_create_path(o->path, kl_fps_get(o->fps), scene_yfov(scene), &rig->flight,
-                                   err);
+        st = kl_file_expect(o->path, "--path: ", err);
+        if (st == KL_OK) {
+            st = kl_flight_create_path(o->path, kl_fps_get(o->fps), scene_yfov(scene), &rig->flight,
+                                       err);
+        }
     } else if (o->camera != NULL) {
         st = find_camera(scene, o->camera, &rig->camera, err);
     } else if (o->turntable > 0 || scene->camera_count == 0) {

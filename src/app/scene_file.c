@@ -1,11 +1,11 @@
 #include "src/app/scene_file.h"
 
 #include "src/app/exit_code.h"
+#include "src/app/folders.h"
 #include "src/import/import.h"
 
 #include <stdio.h>
 #include <string.h>
-#include <unistd.h>
 
 static kl_status find_animation(const struct kl_scene *scene, const char *name, uint32_t *out,
                                 struct kl_err *err)
@@ -32,16 +32,12 @@ kl_status kl_scene_file_load(const struct kl_options *options, struct kl_scene *
                              uint32_t *animation, struct kl_err *err)
 {
     struct kl_scene *scene = NULL;
+    kl_status st = kl_file_expect(options->arguments[0], "", err);
 
-    /* A name that is wrong is bad input; a disk that fails is not. */
-    if (access(options->arguments[0], F_OK) != 0) {
-        return kl_fail(err, KL_ERR_INPUT, "%s: no such file", options->arguments[0]);
+    if (st == KL_OK && options->env != NULL) st = kl_file_expect(options->env, "--env: ", err);
+    if (st == KL_OK) {
+        st = kl_import_gltf(options->arguments[0], kl_say_warning, NULL, &scene, err);
     }
-    if (options->env != NULL && access(options->env, F_OK) != 0) {
-        return kl_fail(err, KL_ERR_INPUT, "--env: %s: no such file", options->env);
-    }
-    kl_status st = kl_import_gltf(options->arguments[0], kl_say_warning, NULL, &scene, err);
-
     if (st != KL_OK) return st;
     if (options->env != NULL) {
         st = kl_import_environment(scene, options->env, kl_say_warning, NULL, err);

@@ -342,15 +342,15 @@ def still_life(path):
     table = g.material("table", (0.58, 0.55, 0.5)); clay = g.material("clay", (0.66, 0.22, 0.12)); teal = g.material("teal", (0.08, 0.36, 0.36))
     ivory = g.material("ivory", (0.78, 0.74, 0.64), roughness=0.35, lambert=False)
     brass = g.material("brass", (0.85, 0.62, 0.25), roughness=0.3, metallic=1.0, lambert=False)
-    lamp_mat = g.material("lamp", (0, 0, 0), (30.0, 26.0, 20.0))
-    g.node("table", mesh=g.mesh("table", [(table, *quads(prism(64, 1.6, -0.12, 0.0)))]))
+    lamp_mat = g.material("lamp", (0, 0, 0), (22.0, 19.0, 15.0))
+    g.node("table", mesh=g.mesh("table", [(table, *quads(prism(64, 1.15, -0.1, 0.0)))]))
     g.node("ball", mesh=g.mesh("ball", [(ivory, *sphere((0, 0, 0), 0.34, 40))]), translation=[0.05, 0.34, 0.1])
     g.node("ring", mesh=g.mesh("ring", [(brass, *torus(0.26, 0.08))]), translation=[-0.72, 0.08, 0.28])
     g.node("block", mesh=g.mesh("block", [(clay, *quads(box((-0.22, 0, -0.22), (0.22, 0.8, 0.22))))]), translation=[0.62, 0, -0.35], rotation=q_y(24))
     g.node("column", mesh=g.mesh("column", [(teal, *quads(prism(6, 0.26, 0.0, 0.55)))]), translation=[-0.45, 0, -0.55])
     g.node("bead", mesh=g.mesh("bead", [(teal, *sphere((0, 0, 0), 0.15, 24))]), translation=[0.55, 0.15, 0.55])
     a = 0.35
-    g.node("lamp", mesh=g.mesh("lamp", lamp(g, lamp_mat, [[(-a, 0, -a), (a, 0, -a), (a, 0, a), (-a, 0, a)]])), translation=[-0.5, 2.0, 0.4])
+    g.node("lamp", mesh=g.mesh("lamp", lamp(g, lamp_mat, [[(-a, 0, -a), (a, 0, -a), (a, 0, a), (-a, 0, a)]])), translation=[-0.3, 1.6, 0.3])
     g.write(path)
 
 def sky(path, width=64, height=32):
