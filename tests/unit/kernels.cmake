@@ -1,1 +1,2 @@
 kl_test(test_kernel_sampling SOURCES test_kernel_sampling.c LINK kl_base m)
+kl_test(test_kernel_gradients SOURCES test_kernel_gradients.c LINK kl_device m)
