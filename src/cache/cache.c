@@ -145,37 +145,86 @@ kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl
     return st;
 }
 
-static int compare_ids(const void *a, const void *b)
+/* What makes a record itself: the id alone is a hash of 32 bits, and strangers may share it. */
+struct identity {
+    uint32_t id, normal;
+    float pos[3];
+    uint32_t number;
+};
+enum { IDENTITY_BYTES = offsetof(struct identity, number) };
+
+static struct identity identity_of(const kl_record_hot *hot, const kl_record_cold *cold,
+                                   uint32_t number)
 {
-    uint32_t x;
-    uint32_t y;
-    memcpy(&x, a, sizeof x);
-    memcpy(&y, b, sizeof y);
-    return x < y ? -1 : x > y;
+    struct identity out = {.id = cold->id, .normal = hot->normal, .number = number};
+    memcpy(out.pos, hot->pos, sizeof out.pos);
+    return out;
+}
+
+static int compare_identities(const void *a, const void *b)
+{
+    return memcmp(a, b, IDENTITY_BYTES);
+}
+
+static int compare_numbered(const void *a, const void *b)
+{
+    const struct identity *x = a;
+    const struct identity *y = b;
+    const int order = compare_identities(a, b);
+    return order != 0 ? order : (x->number > y->number) - (x->number < y->number);
+}
+
+/* repeated[i] = 1 where record i of a batch is in the level already, or earlier in the batch. */
+static kl_status find_repeated(const struct level *l, const kl_record_hot *hot,
+                               const kl_record_cold *cold, uint32_t count, uint8_t *repeated,
+                               struct kl_err *err)
+{
+    struct identity *batch = NULL;
+    size_t unique = 0;
+    kl_status st = kl_alloc_array(&batch, count, sizeof *batch, err);
+    if (st != KL_OK) return st;
+    for (uint32_t i = 0; i < count; ++i) {
+        batch[i] = identity_of(&hot[i], &cold[i], i);
+    }
+    qsort(batch, count, sizeof *batch, compare_numbered);
+    for (uint32_t i = 0; i < count; ++i) {
+        if (unique > 0 && compare_identities(&batch[i], &batch[unique - 1]) == 0) {
+            repeated[batch[i].number] = 1;
+        } else {
+            batch[unique++] = batch[i];
+        }
+    }
+    for (uint32_t i = 0; i < l->part.record_count; ++i) {
+        const struct identity old = identity_of(&l->part.hot[i], &l->part.cold[i], i);
+        const struct identity *same =
+            bsearch(&old, batch, unique, sizeof *batch, compare_identities);
+        if (same != NULL) repeated[same->number] = 1;
+    }
+    free(batch);
+    return KL_OK;
 }
 
 kl_status kl_cache_insert(struct kl_cache *cache, uint32_t level, const kl_record_hot *hot,
                           const kl_record_cold *cold, uint32_t count, struct kl_err *err)
 {
     struct level *l = &cache->levels[level];
-    const uint32_t before = l->part.record_count;
-    uint32_t *ids = NULL;
+    uint8_t *repeated = NULL;
     kl_status st = own_level(l, count, err);
 
-    if (st == KL_OK) st = kl_alloc_array(&ids, before, sizeof *ids, err);
-    if (st != KL_OK) return st;
-    for (uint32_t i = 0; i < before; ++i) {
-        ids[i] = l->cold[i].id;
-    }
-    qsort(ids, before, sizeof *ids, compare_ids);
+    if (st == KL_OK) st = kl_alloc_array(&repeated, count, 1, err);
+    if (st == KL_OK) st = find_repeated(l, hot, cold, count, repeated, err);
+    if (st != KL_OK) goto cleanup;
     for (uint32_t i = 0; i < count; ++i) {
-        if (bsearch(&cold[i].id, ids, before, sizeof *ids, compare_ids) != NULL) continue;
+        if (repeated[i]) continue;
         l->hot[l->part.record_count] = hot[i];
         l->cold[l->part.record_count++] = cold[i];
     }
-    free(ids);
     l->sorted = false;
-    return index_level(cache, level, err);
+    st = index_level(cache, level, err);
+
+cleanup:
+    free(repeated);
+    return st;
 }
 
 struct order {
