@@ -29,8 +29,8 @@ typedef struct kl_record_cold {
     float raw_radius;      /* [m] before clamping, > 0 */
     kl_u32 error_spacing;  /* low 16: half, relative standard error of irr; high 16: half, least
                             * radius over raw_radius (pixel size where it was placed) */
-    kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, in
-                                  * 1/254 of raw_radius * KL_CLEARANCE_REACH; 255: open */
+    kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, in units
+                                  * of kl_clearance_unit; 255: open */
     kl_u32 id;             /* hash of position, normal and level: the seed */
 } kl_record_cold;
 KL_ASSERT_SIZE(kl_record_cold, 64);

@@ -109,13 +109,20 @@ KL_FN kl_u32 kl_sector_of(float x, float y)
     return 4u * quadrant + quarter;
 }
 
+/* Unit of the clearance codes [m]: 254 of them reach past any radius the record may be given. */
+KL_FN float kl_clearance_unit(const KL_GLOBAL kl_record_cold *c)
+{
+    const float spacing = kl_half_to_float(c->error_spacing >> 16); /* may exceed 1 */
+    return kl_fmax(spacing, 1.0f) * c->raw_radius * (KL_CLEARANCE_REACH / 254.0f);
+}
+
 /* Is the horizon blocked between the record and a point at local offset (x, y)? Uses the distances
  * that the record's lowest gather rays found, so a thin wall stops the record without any ray. */
 KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, float x, float y)
 {
     const kl_u32 code = c->clearance[kl_sector_of(x, y)];
     if (code == 255u) return 0;
-    const float open = (float)code * (1.0f / 254.0f) * KL_CLEARANCE_REACH * c->raw_radius;
+    const float open = (float)code * kl_clearance_unit(c);
     return x * x + y * y > open * open;
 }
 

@@ -40,9 +40,9 @@ void kl_cache_destroy(struct kl_cache *cache); /* accepts NULL */
 kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_cache_part *part,
                          struct kl_err *err) KL_MUST_CHECK;
 
-/* Add a batch. Duplicates (same id, position and normal) are left out. Radii of all records are clamped anew, the octree
- * is rebuilt. The result does not depend on how records were split into batches or ordered within
- * them, once kl_cache_finish has sorted them. */
+/* Add a batch. Duplicates (same id, position and normal) are left out. Radii of all records are
+ * clamped anew, the octree is rebuilt. The result does not depend on how records were split into
+ * batches or ordered within them, once kl_cache_finish has sorted them. */
 kl_status kl_cache_insert(struct kl_cache *cache, uint32_t level, const kl_record_hot *hot,
                           const kl_record_cold *cold, uint32_t count,
                           struct kl_err *err) KL_MUST_CHECK;

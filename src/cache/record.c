@@ -1,5 +1,7 @@
 #include "src/cache/record.h"
 
+#include "kernels/cache_query.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -50,7 +52,7 @@ void kl_record_pack(const kl_gather_point *point, const kl_gather_result *result
     cold->error_spacing = kl_float_to_half(fminf(result->error, 100.0f)) |
                           kl_float_to_half(fminf(spacing / raw, 60000.0f)) << 16;
     for (int k = 0; k < KL_SECTORS; ++k) {
-        const float open = result->clearance[k] / (KL_CLEARANCE_REACH * raw) * 254.0f;
+        const float open = result->clearance[k] / kl_clearance_unit(cold);
         cold->clearance[k] = (kl_u8)(open >= 254.0f ? 255.0f : floorf(open * 0.98f));
     }
     cold->id = point->seed;
