@@ -1,0 +1,157 @@
+/* src/cache/record.c: whatever a gather found, the record is finite and promises no more than it
+ * knows. */
+#include "src/cache/record.h"
+
+#include "cache_io/store.h"
+#include "kernels/cache_query.h"
+
+#include "test_kernel_random.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+static const float scene_radius = 5.0f;
+
+static float any_size(struct random *r)
+{
+    return powf(10.0f, random_range(r, -12.0f, 12.0f));
+}
+
+static kl_gather_result any_result(struct random *r)
+{
+    kl_gather_result g = {0};
+    for (int k = 0; k < 3; ++k) {
+        g.irr[k] = random_bits(r) % 5 ? any_size(r) : 0.0f;
+    }
+    for (int k = 0; k < 6; ++k) {
+        g.grad_t[k] = any_size(r) * random_range(r, -1.0f, 1.0f);
+        g.grad_r[k] = any_size(r) * random_range(r, -1.0f, 1.0f);
+    }
+    for (int k = 0; k < KL_SECTORS; ++k) {
+        g.clearance[k] = random_bits(r) % 3 ? any_size(r) : KL_INF;
+    }
+    g.error = any_size(r);
+    g.harmonic = random_bits(r) % 8 ? any_size(r) : KL_INF;
+    return g;
+}
+
+static bool half_is_finite(uint32_t h)
+{
+    return (h & 0x7fffu) <= 0x7bffu;
+}
+
+static void extremes_pack_to_finite_records(void **state)
+{
+    struct random r = {1};
+    (void)state;
+    for (int i = 0; i < 100000; ++i) {
+        const kl_gather_point point = {.pos = {1.0f, 2.0f, 3.0f}, .normal = 77, .seed = 99};
+        const kl_gather_result g = any_result(&r);
+        const float spacing = random_bits(&r) % 10 ? any_size(&r) : 0.0f;
+        kl_record_hot hot;
+        kl_record_cold cold;
+        kl_record_pack(&point, &g, (uint32_t)(i % 2), spacing, scene_radius, &hot, &cold);
+        for (int k = 0; k < 6; ++k) {
+            assert_true(half_is_finite(cold.grad_t[k]) && half_is_finite(cold.grad_r[k]));
+        }
+        assert_true(half_is_finite(cold.error_spacing & 0xffffu));
+        assert_true(half_is_finite(cold.error_spacing >> 16));
+        assert_true(kl_record_is_valid(&hot, &cold));
+        assert_int_equal(hot.axis >> 16, i % 2);
+        assert_int_equal(cold.id, 99);
+        const float radius = kl_record_radius(&cold, cold.raw_radius, 0.4f, scene_radius);
+        assert_true(radius > 0.0f && radius <= 0.2f * scene_radius * 1.0001f);
+    }
+}
+
+/* What the record says of its surroundings at radius * reach is never more open than it was. */
+static void clearance_is_conservative(void **state)
+{
+    struct random r = {2};
+    int missed = 0;
+    (void)state;
+    for (int i = 0; i < 200000; ++i) {
+        const float raw = powf(10.0f, random_range(&r, -3.0f, 0.0f));
+        const float spacing = i % 2 ? 1e-4f : raw * random_range(&r, 0.0f, 8.0f);
+        kl_gather_point point = {.seed = 1};
+        kl_gather_result g = {.irr = {1.0f, 1.0f, 1.0f}, .harmonic = raw};
+        kl_record_hot hot;
+        kl_record_cold cold;
+        for (int k = 0; k < KL_SECTORS; ++k) {
+            g.clearance[k] = raw * powf(10.0f, random_range(&r, -2.0f, 1.0f));
+        }
+        kl_record_pack(&point, &g, 0, spacing, 1000.0f, &hot, &cold);
+        const float radius = kl_record_radius(&cold, raw, 0.4f, 1000.0f);
+        const float angle = random_range(&r, 0.0f, 2.0f * KL_PI);
+        const float x = cosf(angle);
+        const float y = sinf(angle);
+        const float wall = g.clearance[kl_sector_of(x, y)];
+        const float reach = 1.4f * radius;
+        if (wall > reach) continue;
+        if (!kl_record_is_blocked(&cold, 1.01f * wall * x, 1.01f * wall * y)) ++missed;
+        const float near = 0.98f * wall - 1.01f * kl_clearance_unit(&cold); /* in front of it */
+        assert_false(near > 0.0f && kl_record_is_blocked(&cold, near * x, near * y));
+    }
+    if (missed > 0) fail_msg("%d walls within reach are not seen", missed);
+}
+
+/* Gradients come back as they went in, and are damped where the radius was raised. */
+static void gradients_survive(void **state)
+{
+    const kl_gather_point point = {.seed = 1};
+    kl_gather_result g = {.irr = {2.0f, 4.0f, 8.0f}, .harmonic = 0.5f};
+    kl_record_hot hot;
+    kl_record_cold cold;
+    (void)state;
+    for (int k = 0; k < 6; ++k) {
+        g.grad_t[k] = 0.1f * (float)(k + 1);
+        g.grad_r[k] = -0.05f * (float)(k + 1);
+    }
+    kl_record_pack(&point, &g, 0, 0.01f, scene_radius, &hot, &cold);
+    assert_true(cold.raw_radius == 0.5f);
+    const kl_frame f = kl_frame_from_normal(kl_oct_decode(point.normal));
+    const kl_vec3 offset = kl_v3_mad(kl_v3_scale(f.t, 0.02f), -0.03f, f.b);
+    const kl_vec3 bent = kl_normalize(kl_v3_mad(f.n, 0.1f, f.t)); /* n x bent is along b */
+    const kl_vec3 e = kl_record_extrapolate(&cold, &f, offset, bent);
+    const float v = 0.1f / sqrtf(1.01f);
+    const float want[3] = {2.0f + 0.02f * 0.1f - 0.03f * 0.2f - v * 0.05f * 2.0f,
+                           4.0f + 0.02f * 0.3f - 0.03f * 0.4f - v * 0.05f * 4.0f,
+                           8.0f + 0.02f * 0.5f - 0.03f * 0.6f - v * 0.05f * 6.0f};
+    assert_true(fabsf(e.x - want[0]) < 1e-4f * want[0]);
+    assert_true(fabsf(e.y - want[1]) < 1e-4f * want[1]);
+    assert_true(fabsf(e.z - want[2]) < 1e-4f * want[2]);
+
+    kl_record_pack(&point, &g, 0, 2.0f, scene_radius, &hot, &cold);
+    const float damped = kl_half_to_float(cold.grad_t[0]);
+    assert_true(fabsf(damped - 0.1f / 2.0f * 0.5f * 0.25f) < 1e-4f);
+}
+
+static void darkness_has_no_gradient(void **state)
+{
+    const kl_gather_point point = {.seed = 1};
+    const kl_gather_result g = {.harmonic = 0.5f};
+    kl_record_hot hot;
+    kl_record_cold cold;
+    (void)state;
+    kl_record_pack(&point, &g, 0, 0.01f, scene_radius, &hot, &cold);
+    assert_true(kl_record_is_valid(&hot, &cold));
+    assert_true(cold.raw_radius == 0.5f);
+    for (int k = 0; k < 6; ++k) {
+        assert_int_equal(cold.grad_t[k] & 0x7fffu, 0);
+        assert_int_equal(cold.grad_r[k] & 0x7fffu, 0);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(extremes_pack_to_finite_records),
+        cmocka_unit_test(clearance_is_conservative),
+        cmocka_unit_test(gradients_survive),
+        cmocka_unit_test(darkness_has_no_gradient),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
