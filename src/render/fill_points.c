@@ -9,20 +9,39 @@ enum { WALKS = 16384, WALK_LENGTH = 4, MIRRORS = 8 };
 static const float mirror_alpha = 0.1f;        /* smoother lobes are followed as mirrors */
 static const float world_spacing = 1.0f / 384; /* of the scene radius: "pixel" of the world stage */
 
-static struct kl_point point_of(const kl_surface *s, float pixel, uint32_t rank)
+/* A record exactly on an edge would see through the surface that meets it there: points are moved
+ * towards the middle of their triangle by this share of a pixel. */
+static const float inward = 0.1f;
+
+static kl_vec3 move_inward(const kl_scene_view *scene, const kl_hit *hit, kl_vec3 pos, float pixel)
 {
-    return (struct kl_point){s->pos, s->smooth, s->geometric, pixel, rank, false};
+    const kl_triangle *t = &scene->triangles[hit->triangle];
+    kl_vec3 middle = kl_v3_splat(0.0f);
+    for (int k = 0; k < 3; ++k) {
+        middle = kl_v3_mad(middle, 1.0f / 3.0f, kl_v3_load(scene->positions + 3 * (size_t)t->v[k]));
+    }
+    middle = kl_affine_point(scene->instances[hit->instance].render_from_object, middle);
+    const kl_vec3 way = kl_v3_sub(middle, pos);
+    const float length = kl_length(way);
+    if (!(length > 0.0f)) return pos;
+    return kl_v3_mad(pos, kl_fmin(inward * pixel / length, 0.05f), way);
+}
+
+static struct kl_point point_of(const kl_scene_view *scene, const kl_hit *hit, const kl_surface *s,
+                                float pixel, uint32_t rank)
+{
+    const kl_vec3 pos = move_inward(scene, hit, s->pos, pixel);
+    return (struct kl_point){pos, s->smooth, s->geometric, pixel, rank, false};
 }
 
 /* First surface with a base along a ray, through mirrors. *length grows by the way there. */
-static bool find_diffuse(const kl_scene_view *scene, kl_ray ray, uint32_t seed, kl_surface *s,
-                         float *length)
+static bool find_diffuse(const kl_scene_view *scene, kl_ray ray, uint32_t seed, kl_hit *hit,
+                         kl_surface *s, float *length)
 {
     for (int k = 0; k < MIRRORS; ++k) {
-        kl_hit hit;
-        if (!kl_intersect(scene, &ray, seed + (uint32_t)k, &hit)) return false;
-        kl_surface_at(scene, &ray, &hit, s);
-        *length += hit.t;
+        if (!kl_intersect(scene, &ray, seed + (uint32_t)k, hit)) return false;
+        kl_surface_at(scene, &ray, hit, s);
+        *length += hit->t;
         if (!kl_is_black(s->diffuse)) return true;
         if (!kl_has_specular(s) || kl_ggx_alpha(s) > mirror_alpha) return false;
         const float c = kl_dot(ray.dir, s->shading);
@@ -47,11 +66,12 @@ kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
     for (size_t i = 0; i < pixels; ++i) {
         const kl_ray ray = kl_camera_ray(c, (float)(i % c->width) + 0.5f,
                                          (float)(i / c->width) + 0.5f);
+        kl_hit hit;
         kl_surface s;
         float length = 0.0f;
-        p[i].covered = !find_diffuse(job->scene, ray, (uint32_t)i * MIRRORS, &s, &length);
+        p[i].covered = !find_diffuse(job->scene, ray, (uint32_t)i * MIRRORS, &hit, &s, &length);
         if (!p[i].covered) {
-            p[i] = point_of(&s, kl_camera_pixel_size(c, length),
+            p[i] = point_of(job->scene, &hit, &s, kl_camera_pixel_size(c, length),
                             kl_hash2((uint32_t)i, camera + 0x7f4a7c15u));
         }
     }
@@ -80,7 +100,7 @@ static size_t walk(const struct kl_fill_job *job, uint32_t number,
         if (!kl_intersect(job->scene, &ray, number + (uint32_t)k, &hit)) break;
         kl_surface_at(job->scene, &ray, &hit, &s);
         if (k > 0) {
-            out[count++] = point_of(&s, world_spacing * job->scene_radius,
+            out[count++] = point_of(job->scene, &hit, &s, world_spacing * job->scene_radius,
                                     kl_hash2(number * WALK_LENGTH + (uint32_t)k, 0x9e3779b9u));
         }
         const kl_frame f = kl_frame_from_normal(s.smooth);

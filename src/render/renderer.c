@@ -23,7 +23,7 @@ static const float spacing_px = 1.5f;
 static const float uncovered = 5e-4f;
 static const float length_scale = 2.0f;
 static const float gather_weight = 0.8f;
-enum { BATCH = 4096, LEVEL1_SIDE = 16, DEFAULT_RAYS = 1024 };
+enum { BATCH = 4096, DEFAULT_RAYS = 1024 };
 
 struct kl_renderer {
     const struct kl_scene *scene; /* borrowed */
@@ -41,15 +41,15 @@ struct kl_renderer {
 };
 
 /* Radius over raw radius for an error to aim at. The first-order extrapolation is off by about
- * (d / R)^2 / 8 of the irradiance at distance d: solve for the radius at which that is the error. */
+ * (d / R)^2 / 4 of the irradiance at distance d: solve for the radius at which that is the error. */
 static float accuracy_for(double error)
 {
-    return (float)fmin(1.0, sqrt(8.0 * error));
+    return (float)fmin(1.0, sqrt(4.0 * error));
 }
 
 static uint32_t side_for(uint32_t rays)
 {
-    uint32_t side = 4;
+    uint32_t side = 8;
     while (side < 256 && side * side < rays) {
         side *= 2;
     }
@@ -80,15 +80,16 @@ kl_status kl_renderer_create(const struct kl_scene *scene,
     r->settings = *settings;
     if (r->settings.error <= 0.0) r->settings.error = 0.02;
     if (r->settings.rays == 0) r->settings.rays = DEFAULT_RAYS;
+    const uint32_t side = side_for(r->settings.rays); /* gather rays see a quarter of that */
     r->moving = kl_scene_is_moving(scene, settings->animation);
     r->accuracy[0] = accuracy_for(r->settings.error);
     r->accuracy[1] = fminf(1.0f, 2.0f * r->accuracy[0]);
     st = kl_pose_create(scene, settings->animation, 0.0, &pose, err);
     if (st == KL_OK) st = kl_flat_choose_origin(scene, pose, r->origin, err);
     if (st == KL_OK) {
-        st = kl_gather_tables_create(side_for(r->settings.rays), &r->tables[0], err);
+        st = kl_gather_tables_create(side, &r->tables[0], err);
     }
-    if (st == KL_OK) st = kl_gather_tables_create(LEVEL1_SIDE, &r->tables[1], err);
+    if (st == KL_OK) st = kl_gather_tables_create(side / 2, &r->tables[1], err);
     kl_pose_destroy(pose);
     if (st != KL_OK) {
         kl_renderer_destroy(r);

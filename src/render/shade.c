@@ -21,7 +21,7 @@ kl_vec3 kl_shade_emission(const struct kl_shade_context *context, const kl_ray *
 }
 
 struct kl_direct kl_shade_direct(const struct kl_shade_context *context, const kl_surface *surface,
-                                 kl_vec3 wo, kl_vec3 albedo, const float p_lobes[2],
+                                 kl_vec3 wo, kl_vec3 albedo, const struct kl_lobes *lobes,
                                  kl_sampler *sampler, struct kl_counts *counts)
 {
     struct kl_direct out = {kl_v3_splat(0.0f), kl_v3_splat(0.0f)};
@@ -43,12 +43,39 @@ struct kl_direct kl_shade_direct(const struct kl_shade_context *context, const k
     ++counts->shadow;
     const float through = kl_transmittance(context->scene, &ray);
     if (!(through > 0.0f)) return out;
-    const float other = p_lobes[0] * cosine * KL_INV_PI + p_lobes[1] * lobe_pdf;
-    const float weight = light.delta ? 1.0f : kl_power_weight(light.pdf, other);
+    float p_base = light.delta ? 0.0f : lobes->diffuse * cosine * KL_INV_PI;
+    float p_lobe = light.delta ? 0.0f : lobes->specular * lobe_pdf;
+    if (lobes->mixed) {
+        p_base += p_lobe;
+        p_lobe = p_base;
+    }
     const kl_vec3 arriving = kl_v3_scale(light.radiance, through / light.pdf);
-    out.diffuse = kl_v3_scale(kl_v3_mul(base, arriving), p_lobes[0] > 0.0f ? weight : 1.0f);
-    out.specular = kl_v3_scale(kl_v3_mul(lobe, arriving), weight);
+    out.diffuse = kl_v3_scale(kl_v3_mul(base, arriving), kl_power_weight(light.pdf, p_base));
+    out.specular = kl_v3_scale(kl_v3_mul(lobe, arriving), kl_power_weight(light.pdf, p_lobe));
     return out;
+}
+
+/* The other half of direct light where lights fill the view: a direction drawn from the base, which
+ * counts if it runs into a light. */
+static kl_vec3 direct_by_base(const struct kl_shade_context *context, const kl_surface *surface,
+                              kl_vec3 albedo, kl_sampler *sampler, struct kl_counts *counts)
+{
+    const kl_frame f = kl_frame_from_normal(surface->shading);
+    const kl_vec3 local = kl_cosine_direction(kl_sampler_2d(sampler));
+    const kl_vec3 dir = kl_frame_to_world(&f, local);
+    const struct kl_bounce from = {local.z * KL_INV_PI, surface->pos, surface->geometric};
+    kl_hit hit;
+    kl_surface other;
+
+    if (!(kl_dot(dir, surface->geometric) > 0.0f) || !(local.z > 0.0f)) return kl_v3_splat(0.0f);
+    const kl_ray ray = kl_ray_make(kl_offset_point(surface->pos, surface->geometric), dir, KL_INF);
+    ++counts->shadow;
+    const bool found =
+        kl_intersect(context->scene, &ray, kl_hash2(sampler->seed, sampler->index), &hit);
+    if (found) kl_surface_at(context->scene, &ray, &hit, &other);
+    if (found && (other.unlit || other.light == KL_NONE)) return kl_v3_splat(0.0f);
+    return kl_v3_mul(albedo,
+                     kl_shade_emission(context, &ray, found ? &hit : NULL, &other, &from));
 }
 
 /* Irradiance by one short path: for samples that no record serves. Unbiased. */
@@ -168,9 +195,14 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
         const kl_vec3 wo = kl_v3_scale(ray.dir, -1.0f);
         const kl_vec3 albedo = kl_diffuse_albedo(context->scene, &surface, wo);
         const float chance = specular_chance(&surface, wo, first, beta);
-        const float p_lobes[2] = {0.0f, chance};
-        const struct kl_direct direct =
-            kl_shade_direct(context, &surface, wo, albedo, p_lobes, sampler, counts);
+        const bool enclosed = KL_NEEDS(context->scene, KL_NEED_ENCLOSING) && !kl_is_black(albedo);
+        const struct kl_lobes lobes = {enclosed ? 1.0f : 0.0f, chance, false};
+        struct kl_direct direct =
+            kl_shade_direct(context, &surface, wo, albedo, &lobes, sampler, counts);
+        if (enclosed) {
+            direct.diffuse = kl_v3_add(direct.diffuse,
+                                       direct_by_base(context, &surface, albedo, sampler, counts));
+        }
         kl_vec3 indirect = kl_v3_splat(0.0f);
         if (context->indirect == KL_INDIRECT_CACHE && !kl_is_black(albedo)) {
             float late;

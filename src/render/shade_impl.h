@@ -25,14 +25,19 @@ kl_vec3 kl_shade_emission(const struct kl_shade_context *context, const kl_ray *
                           const kl_hit *hit, const kl_surface *surface,
                           const struct kl_bounce *from);
 
-/* One light sample, reflected towards wo by base and lobe. The densities of continuing in the
- * sampled direction are p_diffuse * cos / pi + p_specular * lobe pdf; p_diffuse 0: the base is never
- * continued, so the light sample has all of it. */
+/* How directions are drawn besides light samples: the base's with density diffuse * cos / pi, the
+ * lobe's with density specular * its own. 0: never, so the light sample has all of that part. */
+struct kl_lobes {
+    float diffuse, specular;
+    bool mixed; /* one direction is drawn from both together, not one from each */
+};
+
+/* One light sample, reflected towards wo by base and lobe, each weighed against those densities. */
 struct kl_direct {
     kl_vec3 diffuse, specular;
 };
 struct kl_direct kl_shade_direct(const struct kl_shade_context *context, const kl_surface *surface,
-                                 kl_vec3 wo, kl_vec3 albedo, const float p_lobes[2],
+                                 kl_vec3 wo, kl_vec3 albedo, const struct kl_lobes *lobes,
                                  kl_sampler *sampler, struct kl_counts *counts);
 
 #endif

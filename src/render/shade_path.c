@@ -74,9 +74,9 @@ void kl_shade_path(const struct kl_shade_context *context, kl_ray ray, kl_sample
         const kl_vec3 wo = kl_v3_scale(ray.dir, -1.0f);
         const kl_vec3 albedo = kl_diffuse_albedo(context->scene, &surface, wo);
         const float share = diffuse_share(&surface, wo, albedo);
-        const float p_lobes[2] = {share, 1.0f - share};
+        const struct kl_lobes lobes = {share, 1.0f - share, true};
         const struct kl_direct direct =
-            kl_shade_direct(context, &surface, wo, albedo, p_lobes, sampler, counts);
+            kl_shade_direct(context, &surface, wo, albedo, &lobes, sampler, counts);
         if (depth == 0) {
             parts->alpha = 1.0f;
             parts->albedo = albedo;

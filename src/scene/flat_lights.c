@@ -193,6 +193,23 @@ static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *f
     return push_light(list, &light, err);
 }
 
+/* From this share of the surfaces' area on, glowing ones count as enclosing. */
+static const double enclosing_share = 0.05;
+
+static bool lights_enclose(const struct kl_flat *flat)
+{
+    double glowing = 0.0;
+    double all = 0.0;
+    if (flat->view.env.width > 0) return true;
+    for (uint32_t t = 0; t < flat->instances[0].triangle_count; ++t) {
+        const uint32_t light = flat->triangles[t].light;
+        const double area = (double)triangle_light(flat, t, kl_v3_splat(0.0f)).area;
+        all += area;
+        if (light != KL_NONE) glowing += area;
+    }
+    return glowing > enclosing_share * all;
+}
+
 kl_status kl_flat_add_lights(const struct kl_scene *scene, const struct kl_pose *pose,
                              struct kl_flat *flat, struct kl_err *err)
 {
@@ -218,6 +235,7 @@ kl_status kl_flat_add_lights(const struct kl_scene *scene, const struct kl_pose 
     flat->view.light_count = flat->light_count;
     flat->view.far_count = (uint32_t)far_count;
     flat->view.far_probability = far_count == 0 ? 0.0f : (far_count == list.count ? 1.0f : 0.5f);
+    if (lights_enclose(flat)) flat->view.needs |= KL_NEED_ENCLOSING;
     if (near_first > 0) flat->view.needs |= KL_NEED_PUNCTUAL;
     if (list.count > near_first) flat->view.needs |= KL_NEED_EMITTERS;
     return KL_OK;
