@@ -199,6 +199,7 @@ kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill
                                           .progress = note_fill,
                                           .progress_context = &job->progress};
     st = kl_renderer_fill(job->renderer, &fill, stats, err);
+    job->progress.records = kl_job_records(job);
     free(cameras);
     return st;
 }

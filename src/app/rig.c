@@ -122,6 +122,14 @@ static bool animation_range(const struct kl_scene *scene, uint32_t animation, do
     return found;
 }
 
+/* Whether one frame differs from the next: a still camera in a still scene needs one. */
+static bool moves(const struct kl_rig *rig, uint32_t animation)
+{
+    if (kl_renderer_is_moving(rig->renderer)) return true;
+    return rig->flight == NULL &&
+           kl_node_is_animated(rig->scene, animation, rig->scene->cameras[rig->camera].node);
+}
+
 kl_status kl_rig_frames(const struct kl_rig *rig, uint32_t animation, struct kl_frames *out,
                         struct kl_err *err)
 {
@@ -144,7 +152,7 @@ kl_status kl_rig_frames(const struct kl_rig *rig, uint32_t animation, struct kl_
         last = (double)o->turntable / fps;
     } else if (o->path != NULL) {
         kl_flight_get_range(rig->flight, &first, &last);
-    } else {
+    } else if (moves(rig, animation)) {
         (void)animation_range(rig->scene, animation, &first, &last);
     }
     const double from = ceil(first * fps - slack);

@@ -17,7 +17,8 @@ kl_status kl_rig_create(const struct kl_scene *scene, struct kl_renderer *render
                         struct kl_err *err) KL_MUST_CHECK;
 void kl_rig_destroy(struct kl_rig *rig); /* accepts NULL */
 
-/* --frames; else all frames of the orbit, the path or the animation; else frame 1. *out is the
+/* --frames; else all frames of the orbit, the path, or the animation if it moves anything but other
+ * cameras; else frame 1. *out is the
  * caller's: kl_frames_fini. */
 kl_status kl_rig_frames(const struct kl_rig *rig, uint32_t animation, struct kl_frames *out,
                         struct kl_err *err) KL_MUST_CHECK;
