@@ -7,4 +7,4 @@ kl scene cornell-fast.glb --json="$OLDPWD/b.json" >/dev/null
 cd "$OLDPWD"
 cmp a.json b.json
 [[ $(value a.json triangles) == 38 && $(value a.json moving) == true ]] || fail "JSON"
-kl scene "$SCENES/cornell.glb" --env "$SCENES/sky.exr" | grep -q '^sky  *64x32$' || fail "sky"
+kl scene "$SCENES/cornell.glb" --env "$SCENES/sky.exr" | grep -q '^sky  *128x64$' || fail "sky"

@@ -337,23 +337,22 @@ def torus(major, minor, n=48, m=24):
     return pos, nrm, tri
 
 def still_life(path):
-    """Objects on a round table under a lamp, open to the sky, without a camera: for turntables."""
+    """Objects on a round table under a glowing ball, open to the sky, without a camera: for turntables."""
     g = Glb()
     table = g.material("table", (0.58, 0.55, 0.5)); clay = g.material("clay", (0.66, 0.22, 0.12)); teal = g.material("teal", (0.08, 0.36, 0.36))
     ivory = g.material("ivory", (0.78, 0.74, 0.64), roughness=0.35, lambert=False)
     brass = g.material("brass", (0.85, 0.62, 0.25), roughness=0.3, metallic=1.0, lambert=False)
-    lamp_mat = g.material("lamp", (0, 0, 0), (22.0, 19.0, 15.0))
+    lamp_mat = g.material("lamp", (0, 0, 0), (26.0, 22.0, 17.0))
     g.node("table", mesh=g.mesh("table", [(table, *quads(prism(64, 1.15, -0.1, 0.0)))]))
     g.node("ball", mesh=g.mesh("ball", [(ivory, *sphere((0, 0, 0), 0.34, 40))]), translation=[0.05, 0.34, 0.1])
     g.node("ring", mesh=g.mesh("ring", [(brass, *torus(0.26, 0.08))]), translation=[-0.72, 0.08, 0.28])
     g.node("block", mesh=g.mesh("block", [(clay, *quads(box((-0.22, 0, -0.22), (0.22, 0.8, 0.22))))]), translation=[0.62, 0, -0.35], rotation=q_y(24))
     g.node("column", mesh=g.mesh("column", [(teal, *quads(prism(6, 0.26, 0.0, 0.55)))]), translation=[-0.45, 0, -0.55])
     g.node("bead", mesh=g.mesh("bead", [(teal, *sphere((0, 0, 0), 0.15, 24))]), translation=[0.55, 0.15, 0.55])
-    a = 0.35
-    g.node("lamp", mesh=g.mesh("lamp", lamp(g, lamp_mat, [[(-a, 0, -a), (a, 0, -a), (a, 0, a), (-a, 0, a)]])), translation=[-0.3, 1.6, 0.3])
+    g.node("lamp", mesh=g.mesh("lamp", [(lamp_mat, *sphere((0, 0, 0), 0.11, 8))]), translation=[-0.35, 1.15, 0.3])
     g.write(path)
 
-def sky(path, width=64, height=32):
+def sky(path, width=128, height=64):
     """Lat-long OpenEXR, scan lines of float without compression: a blue gradient, a warm patch, dark ground."""
     def attribute(name, kind, data):
         return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(data)) + data
@@ -366,8 +365,10 @@ def sky(path, width=64, height=32):
         attribute("screenWindowCenter", "v2f", struct.pack("<ff", 0, 0)), attribute("screenWindowWidth", "float", struct.pack("<f", 1.0))]) + b"\0"
     def texel(x, y):
         up = math.cos(math.pi * (y + 0.5) / height)  # 1 at the zenith
-        glow = math.exp(-8.0 * (((x + 0.5) / width - 0.7) ** 2 * 4 + (up - 0.35) ** 2))
-        base = (0.35, 0.45, 0.6) if up > 0 else (0.12, 0.1, 0.09)
+        around = math.cos(2 * math.pi * ((x + 0.5) / width - 0.7))  # 1 towards the warm patch
+        glow = math.exp(5.0 * (around - 1) - 8.0 * (up - 0.35) ** 2)
+        day = 1 / (1 + math.exp(-12 * up))  # a soft horizon
+        base = [g + (b - g) * day for g, b in zip((0.12, 0.1, 0.09), (0.3, 0.42, 0.6))]
         return [b * (1.0 + 0.5 * abs(up)) + g * glow for b, g in zip(base, (3.0, 2.2, 1.4))]
     size = 12 * width
     start = len(header) + 8 * height
