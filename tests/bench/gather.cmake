@@ -1,0 +1,1 @@
+kl_bench(bench_gather SOURCES bench_gather.c LINK kl_test_gallery_batch)

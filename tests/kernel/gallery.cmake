@@ -1,0 +1,5 @@
+add_library(kl_test_gallery_batch STATIC ${CMAKE_CURRENT_LIST_DIR}/gallery_batch.c)
+target_include_directories(kl_test_gallery_batch PUBLIC ${CMAKE_CURRENT_LIST_DIR})
+target_compile_definitions(kl_test_gallery_batch PRIVATE KL_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+target_link_libraries(kl_test_gallery_batch PUBLIC kl_render kl_import)
+kl_test(test_gather_gallery SOURCES test_gather_gallery.c LINK kl_test_gallery_batch)
