@@ -64,7 +64,8 @@ static kl_status find_stores(const char *dir, struct stores *out, struct kl_err 
     if (folder == NULL) {
         return kl_fail(err, KL_ERR_INPUT, "%s: not a folder that can be read", dir);
     }
-    while (st == KL_OK && (entry = readdir(folder)) != NULL) {
+    while (st == KL_OK &&
+           (entry = readdir(folder)) != NULL) { /* NOLINT(concurrency-mt-unsafe): own stream */
         char path[PATH_SIZE];
         const int n = snprintf(path, sizeof path, "%s/%s", dir, entry->d_name);
         if (n < 0 || (size_t)n >= sizeof path || strncmp(entry->d_name, "t-", 2) != 0) continue;
