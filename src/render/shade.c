@@ -94,24 +94,40 @@ static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_
     return kl_v3_scale(kl_v3(cell.radiance[0], cell.radiance[1], cell.radiance[2]), KL_PI);
 }
 
-static bool can_reuse(const struct kl_reuse *r, const kl_surface *s, float pixel)
+/* An answer for a hit within a pixel's footprint on the surface, normals alike; NULL: none. */
+static const kl_answer *find_reusable(const struct kl_reuse *reuse, const kl_surface *s,
+                                      float footprint)
 {
-    if (!r->valid || r->object != s->object) return false;
-    const kl_vec3 d = kl_v3_sub(s->pos, r->pos);
-    return kl_dot(d, d) < pixel * pixel && kl_dot(r->smooth, s->smooth) > 0.95f &&
-           kl_dot(r->bent, s->shading) > 0.999f;
+    for (int k = 0; k < 2; ++k) {
+        const struct kl_reuse_entry *r = &reuse->entries[k];
+        if (!r->valid || r->object != s->object) continue;
+        const kl_vec3 d = kl_v3_sub(s->pos, r->pos);
+        if (kl_dot(d, d) < footprint * footprint && kl_dot(r->smooth, s->smooth) > 0.95f &&
+            kl_dot(r->bent, s->shading) > 0.98f) {
+            return &r->answer;
+        }
+    }
+    return NULL;
+}
+
+static void remember(struct kl_reuse *reuse, const kl_surface *s, const kl_answer *answer)
+{
+    reuse->entries[reuse->next] =
+        (struct kl_reuse_entry){true, s->pos, s->smooth, s->shading, s->object, *answer};
+    reuse->next ^= 1u;
 }
 
 /* Indirect irradiance at a hit: the records seen from the camera, then those seen by gather rays
  * (after a bounce), then a short path. */
 static kl_answer find_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
-                                 bool first, float pixel, struct kl_reuse *reuse,
+                                 bool first, float footprint, struct kl_reuse *reuse,
                                  kl_sampler *sampler, struct kl_counts *counts, float *late)
 {
     *late = 0.0f;
-    if (first && can_reuse(reuse, surface, pixel)) {
+    const kl_answer *known = first ? find_reusable(reuse, surface, footprint) : NULL;
+    if (known != NULL) {
         ++counts->reused;
-        return reuse->answer;
+        return *known;
     }
     ++counts->lookups;
     kl_answer a = kl_cache_query(&context->levels[0], &context->query, surface->pos,
@@ -122,10 +138,7 @@ static kl_answer find_irradiance(const struct kl_shade_context *context, const k
     }
     if (a.weight > 0.0f) {
         ++counts->lookup_hits;
-        if (first) {
-            *reuse = (struct kl_reuse){true,           surface->pos,    surface->smooth,
-                                       surface->shading, surface->object, a};
-        }
+        if (first) remember(reuse, surface, &a);
         return a;
     }
     *late = 1.0f;
@@ -206,8 +219,10 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
         kl_vec3 indirect = kl_v3_splat(0.0f);
         if (context->indirect == KL_INDIRECT_CACHE && !kl_is_black(albedo)) {
             float late;
-            const kl_answer a = find_irradiance(context, &surface, first, pixel_size * length,
-                                                reuse, sampler, counts, &late);
+            const float slope = kl_fmax(kl_dot(wo, surface.geometric), 0.1f);
+            const kl_answer a = find_irradiance(context, &surface, first,
+                                                pixel_size * length / slope, reuse, sampler,
+                                                counts, &late);
             indirect = kl_v3_scale(kl_v3_mul(albedo, a.irr), KL_INV_PI);
             if (first) {
                 parts->irradiance = a.irr;

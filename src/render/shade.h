@@ -23,14 +23,17 @@ struct kl_shade_context {
     kl_gather_settings gather;  /* for samples that no record serves */
 };
 
-/* The last query of a pixel that went to the records (Krivanek, SIGGRAPH 2008 course): samples that
- * hit close by take its answer. Compared with the query that was evaluated, not with the last that
- * reused it, so nothing drifts. */
+/* The last queries of a pixel that went to the records (Krivanek, SIGGRAPH 2008 course): samples
+ * that hit close by take their answer. Compared with queries that were evaluated, not with the last
+ * that reused one, so nothing drifts. Two, as an edge may run through the pixel. */
 struct kl_reuse {
-    bool valid;
-    kl_vec3 pos, smooth, bent;
-    uint32_t object;
-    kl_answer answer;
+    struct kl_reuse_entry {
+        bool valid;
+        kl_vec3 pos, smooth, bent;
+        uint32_t object;
+        kl_answer answer;
+    } entries[2];
+    uint32_t next; /* entry to replace */
 };
 
 struct kl_parts { /* radiance [nit] */
