@@ -324,6 +324,12 @@ uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level)
     return cache->levels[level].part.record_count;
 }
 
+kl_status kl_cache_prepare(struct kl_cache *cache, uint32_t level, struct kl_err *err)
+{
+    struct level *l = &cache->levels[level];
+    return l->falloff != NULL ? KL_OK : make_falloff(l, err);
+}
+
 float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, const float pos[3],
                               float otherwise)
 {

@@ -56,6 +56,9 @@ kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level);
 struct kl_cache_part kl_cache_part_get(const struct kl_cache *cache, uint32_t level);
 uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level);
 
+/* Make ready for kl_cache_predict_radius after adopting: costs a look at every record. */
+kl_status kl_cache_prepare(struct kl_cache *cache, uint32_t level, struct kl_err *err) KL_MUST_CHECK;
+
 /* Radius [m] that a record at pos would get at most, judged by its neighbours; `otherwise` where
  * there are none. */
 float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, const float pos[3],

@@ -32,29 +32,58 @@ static void fill_corners(float *corners, uint32_t side)
     }
 }
 
+/* kl_concentric_disc in double: the rim needs it. */
+static void disc_point(double u, double v, double p[2])
+{
+    const double a = 2.0 * u - 1.0;
+    const double b = 2.0 * v - 1.0;
+    const double quarter = 0.785398163397448310;
+    const double r = fabs(a) > fabs(b) ? a : b;
+    const double phi = fabs(a) > fabs(b) ? quarter * (b / a)
+                                         : 2.0 * quarter - (b != 0.0 ? quarter * (a / b) : 0.0);
+    p[0] = r * cos(phi);
+    p[1] = r * sin(phi);
+}
+
+/* Midpoint k of `steps` across a cell, in [0, 1], and its share of the width. In a rim cell the
+ * points crowd quadratically towards the rim, which takes the singularity 1 / cos(theta) away. */
+static double spread(uint32_t k, uint32_t steps, int low_rim, int high_rim, double *share)
+{
+    const double t = (k + 0.5) / steps;
+    const double crowded = low_rim ? t : 1.0 - t;
+    *share = 1.0 / steps;
+    if (!low_rim && !high_rim) return t;
+    *share *= 2.0 * crowded;
+    return low_rim ? crowded * crowded : 1.0 - crowded * crowded;
+}
+
 /* Integral over a cell of tan(theta) t dA with t = (-p_y, p_x) / |p|, that is of (-p_y, p_x) /
  * sqrt(1 - |p|^2): a table, because each sample's own tangent has infinite variance at the rim. */
+static void cell_turn(uint32_t x, uint32_t y, uint32_t side, float turn[2])
+{
+    const uint32_t steps = 16;
+    double sum[2] = {0.0, 0.0};
+    for (uint32_t k = 0; k < steps * steps; ++k) {
+        double wx;
+        double wy;
+        double p[2];
+        const double u = (x + spread(k % steps, steps, x == 0, x == side - 1, &wx)) / side;
+        const double v = (y + spread(k / steps, steps, y == 0, y == side - 1, &wy)) / side;
+        disc_point(u, v, p);
+        const double inverse = wx * wy / sqrt(fmax(1e-15, 1.0 - p[0] * p[0] - p[1] * p[1]));
+        sum[0] -= p[1] * inverse;
+        sum[1] += p[0] * inverse;
+    }
+    const double area = 3.14159265358979323846 / ((double)side * side);
+    turn[0] = (float)(sum[0] * area);
+    turn[1] = (float)(sum[1] * area);
+}
+
 static void fill_turn(float *turn, uint32_t side)
 {
     for (uint32_t y = 0; y < side; ++y) {
         for (uint32_t x = 0; x < side; ++x) {
-            const int rim = x == 0 || y == 0 || x == side - 1 || y == side - 1;
-            const uint32_t steps = rim ? 64 : 8;
-            double sum_x = 0.0;
-            double sum_y = 0.0;
-            for (uint32_t k = 0; k < steps * steps; ++k) {
-                const double sub = 1.0 / steps;
-                const kl_vec2 u = {(float)((x + (k % steps + 0.5) * sub) / side),
-                                   (float)((y + (k / steps + 0.5) * sub) / side)};
-                const kl_vec2 p = kl_concentric_disc(u);
-                const double r2 = (double)p.x * (double)p.x + (double)p.y * (double)p.y;
-                const double inverse = 1.0 / sqrt(fmax(1e-9, 1.0 - r2));
-                sum_x -= (double)p.y * inverse;
-                sum_y += (double)p.x * inverse;
-            }
-            const double area = 3.14159265358979323846 / ((double)side * side * steps * steps);
-            turn[2 * (y * side + x)] = (float)(sum_x * area);
-            turn[2 * (y * side + x) + 1] = (float)(sum_y * area);
+            cell_turn(x, y, side, turn + 2 * ((size_t)y * side + x));
         }
     }
 }

@@ -146,7 +146,8 @@ static kl_status choose(const struct kl_fill_job *job, uint32_t level, const str
                         struct kl_err *err)
 {
     struct kl_candidate *c = NULL;
-    kl_status st = kl_alloc_array(&c, count, sizeof *c, err);
+    kl_status st = kl_cache_prepare(job->cache, level, err);
+    if (st == KL_OK) st = kl_alloc_array(&c, count, sizeof *c, err);
     if (st != KL_OK) return st;
 #pragma omp parallel for schedule(dynamic, 256)
     for (size_t i = 0; i < count; ++i) {

@@ -280,6 +280,7 @@ static void predicting_from_adopted_records(void **state)
     struct kl_cache *borrowed = create();
     const struct kl_cache_part part = kl_cache_part_get(built, 0);
     assert_int_equal(kl_cache_adopt(borrowed, 0, &part, &err), KL_OK);
+    assert_int_equal(kl_cache_prepare(borrowed, 0, &err), KL_OK);
     const float want = kl_cache_predict_radius(built, 0, part.hot[5].pos, 100.0f);
     assert_true(kl_cache_predict_radius(borrowed, 0, part.hot[5].pos, 100.0f) == want);
     kl_cache_destroy(borrowed);
