@@ -1,0 +1,1 @@
+kl_test(test_render_camera SOURCES test_render_camera.c LINK kl_render m)
