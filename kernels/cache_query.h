@@ -158,42 +158,84 @@ KL_FN kl_u32 kl_octree_levels(const kl_level_view *c, kl_vec3 rel)
     return c->rows[(z << (2 * KL_DIRECTORY_BITS)) | (y << KL_DIRECTORY_BITS) | x];
 }
 
-/* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
- * wanted (normal map), reached through the rotational gradient. */
-KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec3 p, kl_vec3 n,
-                               kl_vec3 bent)
+/* Rows that hold what is near a point, finest level first; their number. */
+KL_FN kl_u32 kl_octree_rows(const kl_level_view *c, kl_vec3 p, kl_u32 face,
+                            kl_u32 rows[KL_OCTREE_MAX_LEVEL + 1])
 {
-    kl_answer a;
-    a.irr = kl_v3_splat(0.0f);
-    a.weight = 0.0f;
-    a.error = 0.0f;
-    a.radius = 0.0f;
-    if (c->head.record_count == 0u) return a;
     const kl_vec3 rel = kl_v3_sub(p, kl_v3(c->head.root_min[0], c->head.root_min[1],
                                            c->head.root_min[2]));
     const kl_u32 levels = kl_octree_levels(c, rel);
-    const kl_u32 face = kl_normal_face(n);
-    for (kl_u32 level = KL_OCTREE_MAX_LEVEL + 1u; level-- > 0u && a.weight < q->enough;) {
+    kl_u32 count = 0;
+    for (kl_u32 level = KL_OCTREE_MAX_LEVEL + 1u; level-- > 0u;) {
         if (!((levels >> level) & 1u)) continue;
         const float scale = (float)(1u << level) / c->head.side;
         const kl_u32 row = kl_octree_find(c, 8u * level + face, (kl_i32)kl_floor(rel.x * scale),
                                           (kl_i32)kl_floor(rel.y * scale),
                                           (kl_i32)kl_floor(rel.z * scale));
         if (row == KL_NONE) continue;
-        const kl_u32 count = c->rows[row];
-        for (kl_u32 k = 1; k <= count; ++k) {
-            const kl_u32 i = c->rows[row + k];
-            kl_vec3 offset, normal;
-            const float w = kl_record_weight(&c->hot[i], p, n, q, &offset, &normal);
-            if (!(w > 0.0f)) continue;
-            const kl_frame f = kl_frame_from_normal(normal);
-            if (kl_record_is_blocked(&c->cold[i], kl_dot(offset, f.t), kl_dot(offset, f.b))) {
-                continue;
+        KL_PREFETCH(&c->hot[c->rows[row + 1u]]);
+        rows[count++] = row;
+    }
+    return count;
+}
+
+#define KL_CHUNK 16
+
+/* Of up to KL_CHUNK records, those whose radius reaches p; their number. No branches to mispredict,
+ * and what the next step reads is on its way. */
+KL_FN kl_u32 kl_records_near(const kl_level_view *c, const KL_GLOBAL kl_u32 *row, kl_u32 count,
+                             kl_vec3 p, float reach2, kl_u32 near[KL_CHUNK])
+{
+    kl_u32 found = 0;
+    for (kl_u32 k = 0; k < count; ++k) {
+        const KL_GLOBAL kl_record_hot *r = &c->hot[row[k]];
+        const kl_vec3 d = kl_v3_sub(p, kl_v3_load(r->pos));
+        near[found] = row[k];
+        KL_PREFETCH(&c->cold[row[k]]);
+        found += kl_dot(d, d) < reach2 * r->radius2 * r->radius2 ? 1u : 0u;
+    }
+    return found;
+}
+
+KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl_vec3 p, kl_vec3 n,
+                         kl_vec3 bent, kl_answer *a)
+{
+    kl_vec3 offset, normal;
+    const KL_GLOBAL kl_record_cold *cold = &c->cold[i];
+    const float w = kl_record_weight(&c->hot[i], p, n, q, &offset, &normal);
+    if (!(w > 0.0f)) return;
+    const kl_frame f = kl_frame_from_normal(normal);
+    if (kl_record_is_blocked(cold, kl_dot(offset, f.t), kl_dot(offset, f.b))) return;
+    a->irr = kl_v3_mad(a->irr, w, kl_record_extrapolate(cold, &f, offset, bent));
+    a->error += w * kl_half_to_float(cold->error_spacing & 0xffffu);
+    a->radius += w * c->hot[i].radius;
+    a->weight += w;
+}
+
+/* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
+ * wanted (normal map), reached through the rotational gradient. */
+KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec3 p, kl_vec3 n,
+                               kl_vec3 bent)
+{
+    kl_u32 rows[KL_OCTREE_MAX_LEVEL + 1];
+    kl_answer a;
+    a.irr = kl_v3_splat(0.0f);
+    a.weight = 0.0f;
+    a.error = 0.0f;
+    a.radius = 0.0f;
+    if (c->head.record_count == 0u) return a;
+    const kl_u32 found = kl_octree_rows(c, p, kl_normal_face(n), rows);
+    for (kl_u32 r = 0; r < found && a.weight < q->enough; ++r) {
+        const KL_GLOBAL kl_u32 *row = c->rows + rows[r] + 1u;
+        const kl_u32 count = c->rows[rows[r]];
+        for (kl_u32 first = 0; first < count; first += KL_CHUNK) {
+            kl_u32 near[KL_CHUNK];
+            const kl_u32 size = count - first < KL_CHUNK ? count - first : KL_CHUNK;
+            const kl_u32 n_near =
+                kl_records_near(c, row + first, size, p, q->reach * q->reach, near);
+            for (kl_u32 k = 0; k < n_near; ++k) {
+                kl_answer_add(c, q, near[k], p, n, bent, &a);
             }
-            a.irr = kl_v3_mad(a.irr, w, kl_record_extrapolate(&c->cold[i], &f, offset, bent));
-            a.error += w * kl_half_to_float(c->cold[i].error_spacing & 0xffffu);
-            a.radius += w * c->hot[i].radius;
-            a.weight += w;
         }
     }
     if (a.weight > 0.0f) {

@@ -29,6 +29,7 @@ typedef ulong kl_u64;
 #define kl_isfinite(x) isfinite(x)
 #define kl_as_u32(x)   as_uint(x)
 #define kl_as_f32(x)   as_float(x)
+#define KL_PREFETCH(p) ((void)0) /* devices hide latency by themselves */
 #else
 #define KL_DEVICE 0
 #include <math.h>
@@ -38,6 +39,7 @@ typedef ulong kl_u64;
 #include <string.h>
 #define KL_FN static inline
 #define KL_GLOBAL
+#define KL_PREFETCH(p) __builtin_prefetch(p)
 #define KL_CONST static const
 typedef uint8_t kl_u8;
 typedef uint16_t kl_u16;

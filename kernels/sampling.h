@@ -165,13 +165,9 @@ KL_FN kl_u32 kl_oct_encode(kl_vec3 n)
  * the largest half, NaN gives 0. */
 KL_FN float kl_half_to_float(kl_u32 h)
 {
-    const kl_u32 sign = (h & 0x8000u) << 16;
-    const kl_u32 mag = h & 0x7fffu;
-    if (mag < 0x400u) {
-        const float f = (float)mag * (1.0f / 16777216.0f);
-        return sign ? -f : f;
-    }
-    return kl_as_f32(sign | ((mag << 13) + 0x38000000u));
+    /* The exponent is moved by a multiplication, which also gets denormals right: exact. */
+    const float mag = kl_as_f32((h & 0x7fffu) << 13) * 5.192296858534828e33f; /* 2^112 */
+    return kl_as_f32(kl_as_u32(mag) | ((h & 0x8000u) << 16));
 }
 KL_FN kl_u32 kl_float_to_half(float f)
 {

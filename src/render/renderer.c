@@ -22,7 +22,7 @@ static const float least_weight = 0.3f;
 static const float spacing_px = 1.5f;
 static const float uncovered = 5e-4f;
 static const float length_scale = 2.0f;
-static const float gather_weight = 0.8f;
+static const float gather_weight = 0.3f;
 enum { BATCH = 4096, DEFAULT_RAYS = 1024 };
 
 struct kl_renderer {
