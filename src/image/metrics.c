@@ -37,8 +37,10 @@ struct pair {
     uint32_t width, height;
     size_t count;
     const float *test[3], *reference[3];
-    unsigned char *counts; /* 1: the pixel counts */
+    unsigned char *counts; /* COUNTS, MASKED or BAD */
 };
+
+enum { BAD = 0, COUNTS = 1, MASKED = 2 };
 
 static kl_status mark_pixels(struct pair *p, float mask_above, struct kl_metrics *out,
                              struct kl_err *err)
@@ -57,8 +59,9 @@ static kl_status mark_pixels(struct pair *p, float mask_above, struct kl_metrics
             ++out->bad_pixels;
         } else if (masked) {
             ++out->masked_pixels;
+            p->counts[i] = MASKED;
         } else {
-            p->counts[i] = 1;
+            p->counts[i] = COUNTS;
         }
     }
     out->pixels = p->count - out->bad_pixels - out->masked_pixels;
@@ -96,7 +99,7 @@ static double mean_get(const struct pair *p, const float *const rgb[3], uint64_t
 
     for (int c = 0; c < 3; ++c) {
         for (size_t i = 0; i < p->count; ++i) {
-            if (p->counts[i]) sum_add(&s, (double)rgb[c][i]);
+            if (p->counts[i] == COUNTS) sum_add(&s, (double)rgb[c][i]);
         }
     }
     return sum_get(&s) / (3.0 * (double)pixels);
@@ -131,7 +134,7 @@ static kl_status measure_pixels(const struct pair *p, double scale, struct kl_me
 
     if (st != KL_OK) return st;
     for (size_t i = 0; i < p->count; ++i) {
-        if (!p->counts[i]) continue;
+        if (p->counts[i] != COUNTS) continue;
         double error = 0.0;
         for (int c = 0; c < 3; ++c) {
             const double test = (double)p->test[c][i];
@@ -159,7 +162,8 @@ static kl_status measure_pixels(const struct pair *p, double scale, struct kl_me
     return KL_OK;
 }
 
-/* False where no pixel of the block counts. */
+/* False where no pixel of the block counts, or one is masked: what is left beside a lamp is too few
+ * pixels to be compared with whole blocks. */
 static bool block_means(const struct pair *p, const float *data, uint32_t x0, uint32_t y0,
                         double *mean)
 {
@@ -171,7 +175,8 @@ static bool block_means(const struct pair *p, const float *data, uint32_t x0, ui
     for (uint32_t y = y0; y < y1; ++y) {
         for (uint32_t x = x0; x < x1; ++x) {
             const size_t i = (size_t)y * p->width + x;
-            if (!p->counts[i]) continue;
+            if (p->counts[i] == MASKED) return false;
+            if (p->counts[i] == BAD) continue;
             total += (double)data[i];
             ++n;
         }
@@ -197,7 +202,7 @@ static double measure_blocks(const struct pair *p, double scale)
             }
         }
     }
-    return sum_get(&relative) / (double)n;
+    return n > 0 ? sum_get(&relative) / (double)n : 0.0;
 }
 
 static int compare_floats(const void *a, const void *b)
@@ -226,7 +231,7 @@ static kl_status measure_psnr(const struct pair *p, struct kl_metrics *out, stru
     if (st != KL_OK) return st;
     for (int c = 0; c < 3; ++c) {
         for (size_t i = 0; i < p->count; ++i) {
-            if (p->counts[i]) values[n++] = p->reference[c][i];
+            if (p->counts[i] == COUNTS) values[n++] = p->reference[c][i];
         }
     }
     out->psnr_peak = percentile(values, n, 0.999);
@@ -246,7 +251,7 @@ static double map_mean(const struct pair *p, float *map)
     size_t n = 0;
 
     for (size_t i = 0; i < p->count; ++i) {
-        if (!p->counts[i]) continue;
+        if (p->counts[i] != COUNTS) continue;
         sum_add(&s, (double)map[i]);
         map[n++] = map[i];
     }
@@ -266,7 +271,7 @@ static kl_status measure_flip(const struct pair *p, struct kl_metrics *out, stru
         float *test = memory + 2 * c * p->count;
         float *reference = test + p->count;
         for (size_t i = 0; i < p->count; ++i) {
-            if (!p->counts[i]) continue;
+            if (p->counts[i] != COUNTS) continue;
             test[i] = p->test[c][i];
             reference[i] = p->reference[c][i];
         }

@@ -27,7 +27,8 @@ struct kl_metrics {
     uint64_t masked_pixels; /* left out by mask_above */
     double relmse;          /* scaled: mean of (I - R)^2 / (R^2 + 0.01) over pixels and channels */
     double relmse_trimmed;  /* relmse without the worst 0.01 % of the pixels (at least none) */
-    double block8_relmse;   /* relmse of the means of 8 x 8 blocks (smaller at right and bottom) */
+    double block8_relmse;   /* relmse of the means of 8 x 8 blocks (smaller at right and bottom);
+                             * blocks with a masked pixel are left out whole */
     double rmse;            /* sqrt of the mean of (I - R)^2, not scaled */
     double psnr_peak;       /* 99.9th percentile of all channel values of R, not scaled */
     double psnr_db;         /* 20 log10(psnr_peak / rmse), at most 200, which also says "equal" */

@@ -34,21 +34,42 @@ static void check(kl_status st, const struct kl_err *err)
     if (st != KL_OK) fail_msg("%s", err->msg);
 }
 
-void property_open(struct property_stage *stage, const char *name, enum kl_indirect indirect,
-                   double error, const char *dir)
+static void import_scene(struct property_stage *stage, const char *name)
 {
-    const struct kl_renderer_settings settings = {
-        .indirect = indirect, .device = "embree", .error = error, .animation = KL_NONE};
     struct kl_err err = {0};
     char path[1024];
 
     *stage = (struct property_stage){0};
     scene_path(name, path, sizeof path);
     check(kl_import_gltf(path, NULL, NULL, &stage->scene, &err), &err);
+}
+
+static void make_renderer(struct property_stage *stage, enum kl_indirect indirect, double error,
+                          const char *dir)
+{
+    const struct kl_renderer_settings settings = {
+        .indirect = indirect, .device = "embree", .error = error, .animation = KL_NONE};
+    struct kl_err err = {0};
+
     check(kl_renderer_create(stage->scene, &settings, &stage->renderer, &err), &err);
     check(kl_renderer_set_time(stage->renderer, 0.0, &err), &err);
     if (indirect != KL_INDIRECT_CACHE) return;
     check(kl_renderer_open_cache(stage->renderer, dir, KL_STORE_EXTEND, &err), &err);
+}
+
+void property_open(struct property_stage *stage, const char *name, enum kl_indirect indirect,
+                   double error, const char *dir)
+{
+    import_scene(stage, name);
+    make_renderer(stage, indirect, error, dir);
+}
+
+void property_open_changed(struct property_stage *stage, const char *name,
+                           enum kl_indirect indirect, void (*change)(struct kl_scene *scene))
+{
+    import_scene(stage, name);
+    change(stage->scene);
+    make_renderer(stage, indirect, 0.0, NULL);
 }
 
 void property_close(struct property_stage *stage)

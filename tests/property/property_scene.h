@@ -18,6 +18,9 @@ bool property_has(const char *name);
 /* Fails the running test where anything goes wrong. `dir`: of the cache, NULL: in memory. */
 void property_open(struct property_stage *stage, const char *name, enum kl_indirect indirect,
                    double error, const char *dir);
+/* The same, in memory, after a change of the scene. */
+void property_open_changed(struct property_stage *stage, const char *name,
+                           enum kl_indirect indirect, void (*change)(struct kl_scene *scene));
 void property_close(struct property_stage *stage);
 
 /* Number of the camera with this name. */
