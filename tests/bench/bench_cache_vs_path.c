@@ -1,7 +1,7 @@
 /* Time to equal error: the cache, its filling included, against path tracing with more and more
  * samples, both compared with a reference image. Prints JSON.
  * usage: bench_cache_vs_path SCENE.glb CAMERA FRAME(at 24/s) REFERENCE.exr [error 0.02] [spp 16]
- * [largest path spp 256] */
+ * [largest path spp 256] [gather rays 1024] */
 #include "src/base/clock.h"
 #include "src/image/exr.h"
 #include "src/image/metrics.h"
@@ -20,7 +20,7 @@ struct bench {
     struct kl_image *reference;
     const char *camera;
     double time, error;
-    uint32_t spp, most_spp;
+    uint32_t spp, most_spp, rays;
 };
 
 struct point {
@@ -46,6 +46,7 @@ static kl_status open_renderer(const struct bench *b, enum kl_indirect indirect,
                                struct kl_renderer **r, struct kl_camera *camera, struct kl_err *err)
 {
     const struct kl_renderer_settings settings = {
+        .rays = b->rays,
         .indirect = indirect, .device = "embree", .error = b->error, .animation = KL_NONE};
     uint32_t index = 0;
     while (index < b->scene->camera_count &&
@@ -165,7 +166,7 @@ int main(int argc, char **argv)
     int count = 0;
     if (argc < 5) {
         (void)fprintf(stderr, "usage: bench_cache_vs_path SCENE.glb CAMERA FRAME REFERENCE.exr "
-                              "[error] [spp] [largest path spp]\n");
+                              "[error] [spp] [largest path spp] [gather rays]\n");
         return 1;
     }
     b.camera = argv[2];
@@ -173,6 +174,7 @@ int main(int argc, char **argv)
     b.error = argc > 5 ? strtod(argv[5], NULL) : 0.02;
     b.spp = argc > 6 ? (uint32_t)strtoul(argv[6], NULL, 10) : 16;
     b.most_spp = argc > 7 ? (uint32_t)strtoul(argv[7], NULL, 10) : 256;
+    b.rays = argc > 8 ? (uint32_t)strtoul(argv[8], NULL, 10) : 0;
     kl_status st = kl_import_gltf(argv[1], NULL, NULL, &b.scene, &err);
     if (st == KL_OK) st = kl_exr_read(argv[4], &b.reference, &err);
     if (st == KL_OK) st = time_cache(&b, &cache, &err);
