@@ -81,7 +81,7 @@ struct segment {
     char name[SEGMENT_NAME_SIZE];
     const unsigned char *data;
     size_t size;
-    struct kl_store_level levels[KL_CACHE_LEVELS];
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
     const unsigned char *superseded; /* OLD_SIZE bytes each */
     size_t superseded_count;
 };
@@ -103,7 +103,7 @@ struct segment_plan {
     enum segment_kind kind;
     uint64_t generation;
     const struct kl_store_key *key;
-    const struct kl_store_level *levels; /* KL_CACHE_LEVELS */
+    const struct kl_level_arrays *levels; /* KL_CACHE_LEVELS */
     size_t superseded_count;
     const struct segment_id *superseded;
 };
@@ -113,7 +113,7 @@ kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segm
                         struct kl_err *err) KL_MUST_CHECK;
 
 /* Items 6 and 7 of section 4 for one level. */
-kl_status level_validate(const struct kl_store_level *level, struct kl_err *err) KL_MUST_CHECK;
+kl_status level_validate(const struct kl_level_arrays *level, struct kl_err *err) KL_MUST_CHECK;
 
 uint64_t read_u64(const unsigned char *p);
 uint32_t read_u32(const unsigned char *p);

@@ -128,7 +128,7 @@ static const void *array_get(const struct section *section)
 }
 
 static kl_status take_level(const struct table *table, uint32_t l, uint32_t kind,
-                            struct kl_store_level *level, struct kl_err *err)
+                            struct kl_level_arrays *level, struct kl_err *err)
 {
     const struct section *hot = &table->at[SECTION_HOT][l];
     const struct section *cold = &table->at[SECTION_COLD][l];

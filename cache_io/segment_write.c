@@ -44,7 +44,7 @@ static void lay_out(const struct segment_plan *plan, const unsigned char *supers
 {
     memset(layout, 0, sizeof *layout);
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        const struct kl_store_level *level = &plan->levels[l];
+        const struct kl_level_arrays *level = &plan->levels[l];
         if (level->record_count == 0) continue;
         add_piece(layout, SECTION_HOT, l, level->hot, level->record_count, sizeof *level->hot);
         add_piece(layout, SECTION_COLD, l, level->cold, level->record_count, sizeof *level->cold);

@@ -381,7 +381,7 @@ size_t kl_store_segment_count(const struct kl_store *store)
 
 void kl_store_segment_get(const struct kl_store *store, size_t i,
                           struct kl_store_segment_info *info,
-                          struct kl_store_level levels[KL_CACHE_LEVELS])
+                          struct kl_level_arrays levels[KL_CACHE_LEVELS])
 {
     const struct segment *segment = &store->segments[i];
 
@@ -437,11 +437,11 @@ static kl_status check_writable(const struct kl_store *store, struct kl_err *err
 }
 
 /* What readers would refuse is never written. */
-static kl_status check_levels(const struct kl_store_level *levels, bool with_octree,
+static kl_status check_levels(const struct kl_level_arrays *levels, bool with_octree,
                               struct kl_err *err)
 {
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        struct kl_store_level level = levels[l];
+        struct kl_level_arrays level = levels[l];
         if (!with_octree) level.octree.record_count = 0;
         if (level.record_count == 0 && level.octree.record_count == 0) continue;
         kl_status st = level_validate(&level, err);
@@ -472,7 +472,7 @@ static kl_status publish(struct kl_store *store, const struct segment_plan *plan
 }
 
 kl_status kl_store_append(struct kl_store *store,
-                          const struct kl_store_level records[KL_CACHE_LEVELS], struct kl_err *err)
+                          const struct kl_level_arrays records[KL_CACHE_LEVELS], struct kl_err *err)
 {
     uint64_t total = 0;
     kl_status st = check_writable(store, err);
@@ -514,7 +514,7 @@ static kl_status collect_superseded(const struct kl_store *store, struct segment
 }
 
 kl_status kl_store_publish_base(struct kl_store *store,
-                                const struct kl_store_level levels[KL_CACHE_LEVELS],
+                                const struct kl_level_arrays levels[KL_CACHE_LEVELS],
                                 struct kl_err *err)
 {
     struct segment_id *old = NULL;

@@ -35,17 +35,6 @@ enum kl_store_mode {
     KL_STORE_REBUILD, /* as EXTEND; segments there are removed first, whatever their key */
 };
 
-/* Arrays of one level. From a store they are borrowed until it is closed, and mapped, not copied.
- */
-struct kl_store_level {
-    uint32_t record_count;
-    const kl_record_hot *hot;
-    const kl_record_cold *cold;
-    kl_octree_header octree;     /* record_count 0 in it: no octree here */
-    const kl_octree_slot *slots; /* octree.slot_count */
-    const kl_u32 *rows;          /* octree.row_size */
-};
-
 struct kl_store_segment_info {
     char name[64];
     uint64_t bytes, generation;
@@ -66,7 +55,7 @@ void kl_store_close(struct kl_store *store); /* accepts NULL */
 size_t kl_store_segment_count(const struct kl_store *store);
 void kl_store_segment_get(const struct kl_store *store, size_t i,
                           struct kl_store_segment_info *info,
-                          struct kl_store_level levels[KL_CACHE_LEVELS]);
+                          struct kl_level_arrays levels[KL_CACHE_LEVELS]);
 void kl_store_key_get(const struct kl_store *store, struct kl_store_key *key);
 uint64_t kl_store_generation(const struct kl_store *store); /* +1 per published segment */
 uint64_t kl_store_bytes(const struct kl_store *store);
@@ -77,14 +66,14 @@ size_t kl_store_damaged(const struct kl_store *store, const char **first);
  * disk when this returns KL_OK. The new segment also appears at the end of this store's list.
  * Content decides the file name, so the same batches give the same files. */
 kl_status kl_store_append(struct kl_store *store,
-                          const struct kl_store_level records[KL_CACHE_LEVELS],
+                          const struct kl_level_arrays records[KL_CACHE_LEVELS],
                           struct kl_err *err) KL_MUST_CHECK;
 
 /* Publish one base segment with these records and octrees in place of all segments of this store's
  * list, which are then removed (others that appeared meanwhile stay). Arrays that were borrowed
  * from the store are invalid afterwards: get them anew. */
 kl_status kl_store_publish_base(struct kl_store *store,
-                                const struct kl_store_level levels[KL_CACHE_LEVELS],
+                                const struct kl_level_arrays levels[KL_CACHE_LEVELS],
                                 struct kl_err *err) KL_MUST_CHECK;
 
 /* Is this record sound? Finite, irr >= 0, 0 < radius <= radius2, raw_radius > 0, level in range. */

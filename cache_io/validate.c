@@ -32,7 +32,7 @@ static bool is_power_of_two(kl_u32 x)
     return x != 0 && (x & (x - 1)) == 0;
 }
 
-static kl_status check_octree_header(const struct kl_store_level *level, struct kl_err *err)
+static kl_status check_octree_header(const struct kl_level_arrays *level, struct kl_err *err)
 {
     const kl_octree_header *head = &level->octree;
     int exponent = 0;
@@ -63,7 +63,7 @@ static kl_status check_octree_header(const struct kl_store_level *level, struct 
 
 /* runs[p] = how many items from p on are record numbers that exist. Rows may be shared or overlap,
  * so each is judged by its start in constant time: no file can make this slow. */
-static void find_runs(const struct kl_store_level *level, kl_u32 *runs)
+static void find_runs(const struct kl_level_arrays *level, kl_u32 *runs)
 {
     kl_u32 run = 0;
 
@@ -73,7 +73,7 @@ static void find_runs(const struct kl_store_level *level, kl_u32 *runs)
     }
 }
 
-static kl_status check_octree(const struct kl_store_level *level, struct kl_err *err)
+static kl_status check_octree(const struct kl_level_arrays *level, struct kl_err *err)
 {
     const kl_u32 size = level->octree.row_size;
     kl_u32 *runs = NULL;
@@ -101,7 +101,7 @@ static kl_status check_octree(const struct kl_store_level *level, struct kl_err 
     return st;
 }
 
-kl_status level_validate(const struct kl_store_level *level, struct kl_err *err)
+kl_status level_validate(const struct kl_level_arrays *level, struct kl_err *err)
 {
     for (uint32_t i = 0; i < level->record_count; ++i) {
         if (!kl_record_is_valid(&level->hot[i], &level->cold[i])) {

@@ -76,4 +76,16 @@ typedef struct kl_level_view {
     const KL_GLOBAL kl_u32 *rows;
 } kl_level_view;
 
+#if !KL_DEVICE
+/* All arrays of one level, borrowed: from a store (mapped, not copied) or from a cache. */
+struct kl_level_arrays {
+    kl_u32 record_count;
+    const kl_record_hot *hot;
+    const kl_record_cold *cold;
+    kl_octree_header octree;     /* record_count 0 in it: not indexed */
+    const kl_octree_slot *slots; /* octree.slot_count */
+    const kl_u32 *rows;          /* octree.row_size */
+};
+#endif
+
 #endif

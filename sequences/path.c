@@ -17,7 +17,7 @@ static const double largest = 1e9; /* of times and coordinates: squares stay far
 
 struct key {
     double time;
-    struct kl_pose pose;
+    struct kl_look pose;
 };
 
 struct kl_path {
@@ -47,7 +47,7 @@ static void mix(const double a[3], const double b[3], double t, double out[3])
 }
 
 /* Sine of the angle between `up` (unit) and the view; 0 where there is no view. */
-static double tilt(const struct kl_pose *p, const double up[3])
+static double tilt(const struct kl_look *p, const double up[3])
 {
     const double d[3] = {p->target[0] - p->eye[0], p->target[1] - p->eye[1],
                          p->target[2] - p->eye[2]};
@@ -111,7 +111,7 @@ static kl_status read_time(const struct reader *r, const json_t *key, double *ou
     return KL_OK;
 }
 
-static kl_status read_up(const struct reader *r, const json_t *key, struct kl_pose *pose)
+static kl_status read_up(const struct reader *r, const json_t *key, struct kl_look *pose)
 {
     kl_status st = KL_OK;
 
@@ -342,7 +342,7 @@ static void interpolate(const struct kl_path *path, size_t i, double u, bool eye
 }
 
 /* Between keys the eye may run through its target, or up through the view: keep both apart. */
-static void repair(struct kl_pose *pose, const struct kl_pose *key)
+static void repair(struct kl_look *pose, const struct kl_look *key)
 {
     if (distance(pose->eye, pose->target) < 1e-9) {
         for (int i = 0; i < 3; ++i)
@@ -378,7 +378,7 @@ static size_t find_key(const struct kl_path *path, double time)
     return low;
 }
 
-void kl_path_evaluate(const struct kl_path *path, double time, struct kl_pose *out)
+void kl_path_evaluate(const struct kl_path *path, double time, struct kl_look *out)
 {
     const struct key *last = &path->keys[path->count - 1];
 

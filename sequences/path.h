@@ -2,7 +2,7 @@
 #ifndef KL_SEQUENCES_PATH_H
 #define KL_SEQUENCES_PATH_H
 
-#include "sequences/pose.h"
+#include "sequences/look.h"
 #include "src/base/status.h"
 
 #include <stddef.h>
@@ -27,7 +27,7 @@ void kl_path_destroy(struct kl_path *path);
 void kl_path_range(const struct kl_path *path, double *first, double *last);
 
 /* The camera at a time [s]; before the first and after the last key it stands still there. */
-void kl_path_evaluate(const struct kl_path *path, double time, struct kl_pose *out);
+void kl_path_evaluate(const struct kl_path *path, double time, struct kl_look *out);
 
 #ifdef __cplusplus
 }

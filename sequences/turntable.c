@@ -28,7 +28,7 @@ kl_status kl_turntable_check(const struct kl_turntable *t, struct kl_err *err)
 }
 
 void kl_turntable_pose(const struct kl_turntable *t, int64_t index, double fraction,
-                       struct kl_pose *out)
+                       struct kl_look *out)
 {
     const int64_t count = (int64_t)t->count;
     const double k = (double)((index % count + count) % count) + fraction;

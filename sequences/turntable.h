@@ -2,7 +2,7 @@
 #ifndef KL_SEQUENCES_TURNTABLE_H
 #define KL_SEQUENCES_TURNTABLE_H
 
-#include "sequences/pose.h"
+#include "sequences/look.h"
 #include "src/base/status.h"
 
 #include <stdint.h>
@@ -29,7 +29,7 @@ kl_status kl_turntable_check(const struct kl_turntable *turntable,
  * bit for bit) plus a fraction of a frame for motion blur. Up is +Y. The turntable must have passed
  * kl_turntable_check. */
 void kl_turntable_pose(const struct kl_turntable *turntable, int64_t index, double fraction,
-                       struct kl_pose *out);
+                       struct kl_look *out);
 
 #ifdef __cplusplus
 }

@@ -77,7 +77,7 @@ static kl_status find_stores(const char *dir, struct stores *out, struct kl_err 
     return st;
 }
 
-static void add_box(struct summary *s, const struct kl_store_level *level, const double origin[3])
+static void add_box(struct summary *s, const struct kl_level_arrays *level, const double origin[3])
 {
     for (uint32_t r = 0; r < level->record_count; ++r) {
         for (int k = 0; k < 3; ++k) {
@@ -93,7 +93,7 @@ static void add_summary(struct summary *s, const struct kl_store *store)
     kl_store_key_get(store, &s->key);
     for (size_t i = 0; i < kl_store_segment_count(store); ++i) {
         struct kl_store_segment_info info;
-        struct kl_store_level levels[KL_CACHE_LEVELS];
+        struct kl_level_arrays levels[KL_CACHE_LEVELS];
         kl_store_segment_get(store, i, &info, levels);
         for (int l = 0; l < KL_CACHE_LEVELS; ++l) {
             s->records[l] += levels[l].record_count;

@@ -61,19 +61,14 @@ void kl_flight_destroy(struct kl_flight *flight)
 }
 
 void kl_flight_get_view(const struct kl_flight *flight, int64_t frame, double fraction,
-                        struct kl_flight_view *out)
+                        struct kl_look *out)
 {
-    struct kl_pose pose;
-
     if (flight->path != NULL) {
-        kl_path_evaluate(flight->path, ((double)frame + fraction) / flight->fps, &pose);
+        kl_path_evaluate(flight->path, ((double)frame + fraction) / flight->fps, out);
     } else {
-        kl_turntable_pose(&flight->turntable, frame - 1, fraction, &pose);
+        kl_turntable_pose(&flight->turntable, frame - 1, fraction, out);
     }
-    memcpy(out->eye, pose.eye, sizeof out->eye);
-    memcpy(out->target, pose.target, sizeof out->target);
-    memcpy(out->up, pose.up, sizeof out->up);
-    out->yfov = pose.yfov > 0.0 ? pose.yfov : flight->yfov;
+    if (!(out->yfov > 0.0)) out->yfov = flight->yfov;
 }
 
 void kl_flight_get_range(const struct kl_flight *flight, double *first, double *last)

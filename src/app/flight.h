@@ -2,15 +2,10 @@
 #ifndef KL_SRC_APP_FLIGHT_H
 #define KL_SRC_APP_FLIGHT_H
 
+#include "sequences/look.h"
 #include "src/base/status.h"
 
 #include <stdint.h>
-
-struct kl_flight_view {
-    double eye[3], target[3]; /* [m] world */
-    double up[3];             /* unit */
-    double yfov;              /* [rad] */
-};
 
 struct kl_flight;
 
@@ -31,7 +26,7 @@ void kl_flight_destroy(struct kl_flight *flight); /* accepts NULL */
 
 /* The view at frame `frame` + `fraction`. */
 void kl_flight_get_view(const struct kl_flight *flight, int64_t frame, double fraction,
-                        struct kl_flight_view *out);
+                        struct kl_look *out);
 /* First and last instant of a path [s]; not for an orbit. */
 void kl_flight_get_range(const struct kl_flight *flight, double *first, double *last);
 

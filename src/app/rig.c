@@ -174,7 +174,7 @@ kl_status kl_rig_camera(const struct kl_rig *rig, int32_t frame, struct kl_camer
                         struct kl_err *err)
 {
     const struct kl_options *o = rig->options;
-    struct kl_flight_view view;
+    struct kl_look view;
     double origin[3];
 
     if (rig->flight == NULL) {

@@ -10,7 +10,7 @@
 #include <string.h>
 
 struct level {
-    struct kl_cache_part part;  /* what is served: adopted arrays or the owned ones below */
+    struct kl_level_arrays part;  /* what is served: adopted arrays or the owned ones below */
     bool owned, sorted;
     kl_record_hot *hot;
     kl_record_cold *cold;
@@ -75,7 +75,7 @@ static kl_status make_falloff(struct level *l, struct kl_err *err)
 static void serve_owned(struct level *l, uint32_t count)
 {
     l->owned = true;
-    l->part = (struct kl_cache_part){.record_count = count,
+    l->part = (struct kl_level_arrays){.record_count = count,
                                      .hot = l->hot,
                                      .cold = l->cold,
                                      .octree = l->octree.head,
@@ -131,7 +131,7 @@ static bool octree_fits(const struct kl_cache *c, uint32_t level, const kl_octre
            h->reach == c->settings.reach[level] && h->cos_max == c->settings.cos_max && h->accuracy == c->settings.accuracy[level];
 }
 
-kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_cache_part *part,
+kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_level_arrays *part,
                          struct kl_err *err)
 {
     struct level *l = &cache->levels[level];
@@ -310,11 +310,11 @@ kl_status kl_cache_finish(struct kl_cache *cache, struct kl_err *err)
 
 kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level)
 {
-    const struct kl_cache_part *p = &cache->levels[level].part;
+    const struct kl_level_arrays *p = &cache->levels[level].part;
     return (kl_level_view){p->octree, p->hot, p->cold, p->slots, p->rows};
 }
 
-struct kl_cache_part kl_cache_part_get(const struct kl_cache *cache, uint32_t level)
+struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_t level)
 {
     return cache->levels[level].part;
 }

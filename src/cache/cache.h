@@ -20,16 +20,6 @@ struct kl_cache_settings {
     float cos_max;        /* cosine of the largest angle between normals */
 };
 
-/* Records of one level, borrowed arrays. octree.record_count 0: not indexed. */
-struct kl_cache_part {
-    uint32_t record_count;
-    const kl_record_hot *hot;
-    const kl_record_cold *cold;
-    kl_octree_header octree;
-    const kl_octree_slot *slots;
-    const kl_u32 *rows;
-};
-
 kl_status kl_cache_create(const struct kl_cache_settings *settings, struct kl_cache **out,
                           struct kl_err *err) KL_MUST_CHECK;
 void kl_cache_destroy(struct kl_cache *cache); /* accepts NULL */
@@ -37,7 +27,7 @@ void kl_cache_destroy(struct kl_cache *cache); /* accepts NULL */
 /* Make the cache serve these arrays in place (mapped from a store): nothing is copied as long as
  * nothing is inserted. They must stay until the cache is destroyed or grown. Where the octree was
  * built for other settings, records are copied and indexed anew. */
-kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_cache_part *part,
+kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_level_arrays *part,
                          struct kl_err *err) KL_MUST_CHECK;
 
 /* Add a batch. Duplicates (same id, position and normal) are left out. Radii of all records are
@@ -53,7 +43,7 @@ kl_status kl_cache_finish(struct kl_cache *cache, struct kl_err *err) KL_MUST_CH
 
 /* What queries read. Borrowed until the cache changes. */
 kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level);
-struct kl_cache_part kl_cache_part_get(const struct kl_cache *cache, uint32_t level);
+struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_t level);
 uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level);
 
 /* Make ready for kl_cache_predict_radius after adopting: costs a look at every record. */

@@ -206,17 +206,15 @@ static kl_status adopt_store(struct kl_renderer *r, struct kl_err *err)
     kl_status st = KL_OK;
     for (size_t i = 0; st == KL_OK && i < n; ++i) {
         struct kl_store_segment_info info;
-        struct kl_store_level levels[KL_CACHE_LEVELS];
+        struct kl_level_arrays levels[KL_CACHE_LEVELS];
         kl_store_segment_get(r->store, i, &info, levels);
         for (uint32_t l = 0; st == KL_OK && l < KL_CACHE_LEVELS; ++l) {
             if (levels[l].record_count == 0) continue;
-            const struct kl_cache_part part = {levels[l].record_count, levels[l].hot,
-                                               levels[l].cold,         levels[l].octree,
-                                               levels[l].slots,        levels[l].rows};
             if (info.is_base && kl_cache_count(r->cache, l) == 0) {
-                st = kl_cache_adopt(r->cache, l, &part, err);
+                st = kl_cache_adopt(r->cache, l, &levels[l], err);
             } else {
-                st = kl_cache_insert(r->cache, l, part.hot, part.cold, part.record_count, err);
+                st = kl_cache_insert(r->cache, l, levels[l].hot, levels[l].cold,
+                                     levels[l].record_count, err);
             }
         }
     }
@@ -280,7 +278,7 @@ static kl_status keep_batch(void *context, uint32_t level, const kl_record_hot *
                             const kl_record_cold *cold, uint32_t count, struct kl_err *err)
 {
     struct kl_renderer *r = context;
-    struct kl_store_level levels[KL_CACHE_LEVELS] = {0};
+    struct kl_level_arrays levels[KL_CACHE_LEVELS] = {0};
     levels[level].record_count = count;
     levels[level].hot = hot;
     levels[level].cold = cold;
@@ -291,13 +289,11 @@ static kl_status keep_batch(void *context, uint32_t level, const kl_record_hot *
 static kl_status publish(struct kl_renderer *r, struct kl_err *err)
 {
     const struct kl_cache_settings settings = cache_settings(r);
-    struct kl_store_level levels[KL_CACHE_LEVELS];
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
     kl_status st = KL_OK;
 
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        const struct kl_cache_part p = kl_cache_part_get(r->cache, l);
-        levels[l] =
-            (struct kl_store_level){p.record_count, p.hot, p.cold, p.octree, p.slots, p.rows};
+        levels[l] = kl_cache_get_arrays(r->cache, l);
     }
     st = kl_store_publish_base(r->store, levels, err);
     if (st != KL_OK) return st;

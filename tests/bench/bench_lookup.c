@@ -256,7 +256,7 @@ static kl_status run(struct bench *b, struct kl_err *err)
     qsort(coherent, RUNS, sizeof *coherent, compare_doubles);
     qsort(lookups, RUNS, sizeof *lookups, compare_doubles);
     qsort(rays, RUNS, sizeof *rays, compare_doubles);
-    const struct kl_cache_part part = kl_cache_part_get(b->cache, 0);
+    const struct kl_level_arrays part = kl_cache_get_arrays(b->cache, 0);
     const double median_lookup = lookups[RUNS / 2];
     const double median_ray = rays[RUNS / 2];
     (void)printf(

@@ -9,7 +9,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 static void check_pose(const struct kl_path *path, double time)
 {
-    struct kl_pose pose;
+    struct kl_look pose;
     double view = 0.0;
     double up = 0.0;
 

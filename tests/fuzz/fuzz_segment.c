@@ -7,7 +7,7 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static void touch(const struct kl_store_level *level, volatile kl_u32 *sink)
+static void touch(const struct kl_level_arrays *level, volatile kl_u32 *sink)
 {
     for (uint32_t i = 0; i < level->record_count; ++i)
         *sink ^= level->cold[i].id;

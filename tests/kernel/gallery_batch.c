@@ -30,7 +30,7 @@ static kl_status fill_store(struct gallery_batch *b, struct kl_err *err)
 }
 
 /* Every n-th record seen from the camera, gathered anew with full batches of rays. */
-static void take_points(struct gallery_batch *b, const struct kl_store_level *level, size_t count)
+static void take_points(struct gallery_batch *b, const struct kl_level_arrays *level, size_t count)
 {
     b->count = level->record_count < count ? level->record_count : count;
     for (size_t i = 0; i < b->count; ++i) {
@@ -52,7 +52,7 @@ static kl_status init(struct gallery_batch *b, const char *path, uint32_t side, 
     struct kl_pose *pose = NULL;
     struct kl_store_key key;
     struct kl_store_segment_info info;
-    struct kl_store_level levels[KL_CACHE_LEVELS];
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
     kl_status st = kl_import_gltf(path, NULL, NULL, &b->scene, err);
 
     if (st == KL_OK) st = fill_store(b, err);

@@ -72,8 +72,8 @@ static void finish(struct kl_cache *c)
 
 static void assert_same(const struct kl_cache *a, const struct kl_cache *b, uint32_t level)
 {
-    const struct kl_cache_part p = kl_cache_part_get(a, level);
-    const struct kl_cache_part q = kl_cache_part_get(b, level);
+    const struct kl_level_arrays p = kl_cache_get_arrays(a, level);
+    const struct kl_level_arrays q = kl_cache_get_arrays(b, level);
     assert_int_equal(p.record_count, q.record_count);
     assert_memory_equal(&p.octree, &q.octree, sizeof p.octree);
     if (p.record_count == 0) return;
@@ -195,16 +195,16 @@ static void adopting(void **state)
     fill(&r, 0, 11);
     (void)state;
     struct kl_cache *built = from_one_batch(&r, 0);
-    const struct kl_cache_part part = kl_cache_part_get(built, 0);
+    const struct kl_level_arrays part = kl_cache_get_arrays(built, 0);
     struct kl_cache *borrowed = create();
     assert_int_equal(kl_cache_adopt(borrowed, 0, &part, &err), KL_OK);
-    assert_ptr_equal(kl_cache_part_get(borrowed, 0).hot, part.hot);
-    assert_ptr_equal(kl_cache_part_get(borrowed, 0).rows, part.rows);
+    assert_ptr_equal(kl_cache_get_arrays(borrowed, 0).hot, part.hot);
+    assert_ptr_equal(kl_cache_get_arrays(borrowed, 0).rows, part.rows);
     assert_same(built, borrowed, 0);
     finish(borrowed);
-    assert_ptr_equal(kl_cache_part_get(borrowed, 0).hot, part.hot);
+    assert_ptr_equal(kl_cache_get_arrays(borrowed, 0).hot, part.hot);
 
-    struct kl_cache_part bare = {
+    struct kl_level_arrays bare = {
         .record_count = part.record_count, .hot = part.hot, .cold = part.cold};
     struct kl_cache *rebuilt = create();
     assert_int_equal(kl_cache_adopt(rebuilt, 0, &bare, &err), KL_OK);
@@ -212,7 +212,7 @@ static void adopting(void **state)
 
     insert(borrowed, 0, r.hot, r.cold, N); /* nothing new, but now a copy */
     finish(borrowed);
-    assert_ptr_not_equal(kl_cache_part_get(borrowed, 0).hot, part.hot);
+    assert_ptr_not_equal(kl_cache_get_arrays(borrowed, 0).hot, part.hot);
     assert_same(built, borrowed, 0);
     kl_cache_destroy(borrowed);
     kl_cache_destroy(rebuilt);
@@ -231,7 +231,7 @@ static void growing_what_was_adopted(void **state)
     struct kl_cache *grown = create();
     insert(half, 0, r.hot, r.cold, N / 2);
     finish(half);
-    const struct kl_cache_part part = kl_cache_part_get(half, 0);
+    const struct kl_level_arrays part = kl_cache_get_arrays(half, 0);
     assert_int_equal(kl_cache_adopt(grown, 0, &part, &err), KL_OK);
     insert(grown, 0, r.hot + N / 2, r.cold + N / 2, N - N / 2);
     finish(grown);
@@ -248,7 +248,7 @@ static void radii_are_clamped_by_neighbours(void **state)
     fill(&r, 0, 15);
     (void)state;
     struct kl_cache *c = from_one_batch(&r, 0);
-    const struct kl_cache_part p = kl_cache_part_get(c, 0);
+    const struct kl_level_arrays p = kl_cache_get_arrays(c, 0);
     uint32_t clamped = 0;
     for (uint32_t i = 0; i < N; i += 7) {
         float raw = p.cold[i].raw_radius;
@@ -278,7 +278,7 @@ static void predicting_from_adopted_records(void **state)
     (void)state;
     struct kl_cache *built = from_one_batch(&r, 0);
     struct kl_cache *borrowed = create();
-    const struct kl_cache_part part = kl_cache_part_get(built, 0);
+    const struct kl_level_arrays part = kl_cache_get_arrays(built, 0);
     assert_int_equal(kl_cache_adopt(borrowed, 0, &part, &err), KL_OK);
     assert_int_equal(kl_cache_prepare(borrowed, 0, &err), KL_OK);
     const float want = kl_cache_predict_radius(built, 0, part.hot[5].pos, 100.0f);

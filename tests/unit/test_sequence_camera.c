@@ -36,7 +36,7 @@ static void linear_paths(void **state)
                                  "{\"time\":0,\"eye\":[0,0,5],\"target\":[0,0,0],\"yfov_deg\":90},"
                                  "{\"frame\":20,\"eye\":[4,0,5],\"target\":[0,2,0],"
                                  "\"up\":[0,3,0],\"yfov_deg\":45}]}");
-    struct kl_pose pose;
+    struct kl_look pose;
     double first = -1.0;
     double last = -1.0;
 
@@ -64,8 +64,8 @@ static void smooth_paths_meet_their_keys(void **state)
                                  "{\"time\":1,\"eye\":[4,0,5],\"target\":[0,0,0]},"
                                  "{\"time\":2,\"eye\":[4,0,5],\"target\":[0,0,0]},"
                                  "{\"time\":4,\"eye\":[5,3,5],\"target\":[1,0,0]}]}");
-    struct kl_pose pose;
-    struct kl_pose before;
+    struct kl_look pose;
+    struct kl_look before;
 
     (void)state;
     kl_path_evaluate(path, 1.0, &pose);
@@ -99,7 +99,7 @@ static void an_eye_through_its_target_still_looks_somewhere(void **state)
                                  "{\"time\":0,\"eye\":[0,0,1],\"target\":[0,0,0],\"up\":[0,1,0]},"
                                  "{\"time\":2,\"eye\":[0,0,-1],\"target\":[0,0,0],\"up\":[0,-1,0]}"
                                  "]}");
-    struct kl_pose pose;
+    struct kl_look pose;
 
     (void)state;
     kl_path_evaluate(path, 1.0, &pose);
@@ -166,8 +166,8 @@ static void turntables_close(void **state)
                                    .start = 0.1,
                                    .count = 7};
     struct kl_err err;
-    struct kl_pose a;
-    struct kl_pose b;
+    struct kl_look a;
+    struct kl_look b;
 
     (void)state;
     assert_int_equal(kl_turntable_check(&t, &err), KL_OK);

@@ -22,7 +22,7 @@ struct batch {
     kl_record_cold cold[KL_CACHE_LEVELS][RECORDS];
     kl_octree_slot slots[SLOTS];
     kl_u32 rows[ROWS];
-    struct kl_store_level levels[KL_CACHE_LEVELS];
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
 };
 
 struct fixture {
@@ -132,7 +132,7 @@ static void append(struct kl_store *store, float seed)
 static void check_segment(const struct kl_store *store, size_t i, const struct batch *want,
                           bool with_octree)
 {
-    struct kl_store_level got[KL_CACHE_LEVELS];
+    struct kl_level_arrays got[KL_CACHE_LEVELS];
     struct kl_store_segment_info info;
 
     kl_store_segment_get(store, i, &info, got);
