@@ -81,8 +81,8 @@ static kl_status check_octree(const struct kl_level_arrays *level, struct kl_err
 
     if (st != KL_OK) return st;
     if (size < KL_DIRECTORY_SIZE) {
-        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u row items, the directory alone has %d", size,
-                       KL_DIRECTORY_SIZE);
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u row items, the directory alone has %d",
+                       size, KL_DIRECTORY_SIZE);
     }
     st = kl_alloc_array(&runs, (size_t)size + 1, sizeof *runs, err); /* runs[size] is 0 */
     if (st != KL_OK) return st;

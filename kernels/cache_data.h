@@ -12,26 +12,26 @@
 #define KL_SECTORS      16 /* azimuths of the leak test */
 
 typedef struct kl_record_hot {
-    float pos[3];      /* [m], render space */
-    kl_u32 normal;     /* octahedral, 2 x 16 bit: kl_oct_decode */
-    float radius;      /* [m] distance at which the weight becomes 0 (minor axis), > 0; clamped */
-    float radius2;     /* [m] along the major axis, >= radius */
-    kl_u32 axis;       /* low 16 bits: angle of the minor axis in the frame, 65536 = 2 pi;
-                        * high 16 bits: bounce level */
-    kl_u32 object;     /* scene instance the record rides on, KL_NONE: static world */
+    float pos[3];  /* [m], render space */
+    kl_u32 normal; /* octahedral, 2 x 16 bit: kl_oct_decode */
+    float radius;  /* [m] distance at which the weight becomes 0 (minor axis), > 0; clamped */
+    float radius2; /* [m] along the major axis, >= radius */
+    kl_u32 axis;   /* low 16 bits: angle of the minor axis in the frame, 65536 = 2 pi;
+                    * high 16 bits: bounce level */
+    kl_u32 object; /* scene instance the record rides on, KL_NONE: static world */
 } kl_record_hot;
 KL_ASSERT_SIZE(kl_record_hot, 32);
 
 typedef struct kl_record_cold {
-    float irr[3];          /* irradiance [W m^-2], linear Rec. 709, >= 0 */
-    kl_u16 grad_t[6];      /* half: d(irr_c)/dt, d(irr_c)/db times raw_radius over irr_c, c = RGB */
-    kl_u16 grad_r[6];      /* half: rotational gradient over irr_c */
-    float raw_radius;      /* [m] before clamping, > 0 */
-    kl_u32 error_spacing;  /* low 16: half, relative standard error of irr; high 16: half, least
-                            * radius over raw_radius (pixel size where it was placed) */
+    float irr[3];         /* irradiance [W m^-2], linear Rec. 709, >= 0 */
+    kl_u16 grad_t[6];     /* half: d(irr_c)/dt, d(irr_c)/db times raw_radius over irr_c, c = RGB */
+    kl_u16 grad_r[6];     /* half: rotational gradient over irr_c */
+    float raw_radius;     /* [m] before clamping, > 0 */
+    kl_u32 error_spacing; /* low 16: half, relative standard error of irr; high 16: half, least
+                           * radius over raw_radius (pixel size where it was placed) */
     kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, in units
                                   * of kl_clearance_unit; 255: open */
-    kl_u32 id;             /* hash of position, normal and level: the seed */
+    kl_u32 id;                   /* hash of position, normal and level: the seed */
 } kl_record_cold;
 KL_ASSERT_SIZE(kl_record_cold, 64);
 #define KL_CLEARANCE_REACH 2.0f
@@ -46,17 +46,17 @@ KL_ASSERT_SIZE(kl_record_cold, 64);
  * do not get in each other's way.
  * A coarse directory says which levels have anything near, so that a query probes only those. */
 typedef struct kl_octree_header {
-    float root_min[3];    /* [m], render space */
-    float side;           /* [m] edge of the root cube, a power of two */
-    kl_u32 level_mask;    /* bit l: some record lives on level l */
-    kl_u32 slot_count;    /* power of two */
-    kl_u32 row_size;      /* entries in rows; the first KL_DIRECTORY_SIZE are the directory: masks
-                           * of the levels with cells in or around each directory cell */
+    float root_min[3]; /* [m], render space */
+    float side;        /* [m] edge of the root cube, a power of two */
+    kl_u32 level_mask; /* bit l: some record lives on level l */
+    kl_u32 slot_count; /* power of two */
+    kl_u32 row_size;   /* entries in rows; the first KL_DIRECTORY_SIZE are the directory: masks
+                        * of the levels with cells in or around each directory cell */
     kl_u32 record_count;
-    kl_u32 salt;          /* of the cell hash, chosen so that no two cells look alike */
-    float reach;          /* radii were enlarged by this factor when the cells were filled */
-    float accuracy;       /* radius over raw radius that the records' radii were made with */
-    float cos_max;        /* ditto: largest angle between normals that queries allow */
+    kl_u32 salt;    /* of the cell hash, chosen so that no two cells look alike */
+    float reach;    /* radii were enlarged by this factor when the cells were filled */
+    float accuracy; /* radius over raw radius that the records' radii were made with */
+    float cos_max;  /* ditto: largest angle between normals that queries allow */
     kl_u32 pad[4];
 } kl_octree_header;
 KL_ASSERT_SIZE(kl_octree_header, 64);

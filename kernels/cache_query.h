@@ -5,9 +5,9 @@
 #include "kernels/cache_data.h"
 #include "kernels/sampling.h"
 
-#define KL_OCTREE_MAX_LEVEL 17
-#define KL_BEHIND_TOLERANCE 0.1f /* of the radius: methods of Ward 1988, relative here */
-#define KL_SLAB             0.4f /* height above the record's plane, in radii: same surface */
+#define KL_OCTREE_MAX_LEVEL  17
+#define KL_BEHIND_TOLERANCE  0.1f /* of the radius: methods of Ward 1988, relative here */
+#define KL_SLAB              0.4f /* height above the record's plane, in radii: same surface */
 #define KL_MIN_EXTRAPOLATION 0.05f
 #define KL_MAX_EXTRAPOLATION 20.0f
 
@@ -19,10 +19,10 @@ typedef struct kl_query {
 } kl_query;
 
 typedef struct kl_answer {
-    kl_vec3 irr;   /* irradiance [W m^-2] */
-    float weight;  /* sum of weights; 0: no record serves this point */
-    float error;   /* relative standard error of the records, weighted mean */
-    float radius;  /* [m] of the nearest-weighted records, weighted mean */
+    kl_vec3 irr;  /* irradiance [W m^-2] */
+    float weight; /* sum of weights; 0: no record serves this point */
+    float error;  /* relative standard error of the records, weighted mean */
+    float radius; /* [m] of the nearest-weighted records, weighted mean */
 } kl_answer;
 
 /* Face of the direction cube that a normal points to: 2 * axis, + 1 if negative. */
@@ -47,8 +47,8 @@ KL_FN kl_u32 kl_cell_tag(kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z, kl_u32 salt)
 /* 32 more bits: the first word of the cell's row. */
 KL_FN kl_u32 kl_cell_check(kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z)
 {
-    return kl_hash((kl_u32)x * 0xc2b2ae3du + kl_hash((kl_u32)y * 0x27d4eb2fu +
-                                                     kl_hash((kl_u32)z + (kind << 24))));
+    return kl_hash((kl_u32)x * 0xc2b2ae3du +
+                   kl_hash((kl_u32)y * 0x27d4eb2fu + kl_hash((kl_u32)z + (kind << 24))));
 }
 
 /* Row of a cell (its count and records), or KL_NONE. */
@@ -162,16 +162,16 @@ KL_FN kl_u32 kl_octree_levels(const kl_level_view *c, kl_vec3 rel)
 KL_FN kl_u32 kl_octree_rows(const kl_level_view *c, kl_vec3 p, kl_u32 face,
                             kl_u32 rows[KL_OCTREE_MAX_LEVEL + 1])
 {
-    const kl_vec3 rel = kl_v3_sub(p, kl_v3(c->head.root_min[0], c->head.root_min[1],
-                                           c->head.root_min[2]));
+    const kl_vec3 rel =
+        kl_v3_sub(p, kl_v3(c->head.root_min[0], c->head.root_min[1], c->head.root_min[2]));
     const kl_u32 levels = kl_octree_levels(c, rel);
     kl_u32 count = 0;
     for (kl_u32 level = KL_OCTREE_MAX_LEVEL + 1u; level-- > 0u;) {
         if (!((levels >> level) & 1u)) continue;
         const float scale = (float)(1u << level) / c->head.side;
-        const kl_u32 row = kl_octree_find(c, 8u * level + face, (kl_i32)kl_floor(rel.x * scale),
-                                          (kl_i32)kl_floor(rel.y * scale),
-                                          (kl_i32)kl_floor(rel.z * scale));
+        const kl_u32 row =
+            kl_octree_find(c, 8u * level + face, (kl_i32)kl_floor(rel.x * scale),
+                           (kl_i32)kl_floor(rel.y * scale), (kl_i32)kl_floor(rel.z * scale));
         if (row == KL_NONE) continue;
         KL_PREFETCH(&c->hot[c->rows[row + 1u]]);
         rows[count++] = row;

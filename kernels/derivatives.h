@@ -12,11 +12,11 @@ typedef struct kl_grid_view {
 } kl_grid_view;
 
 typedef struct kl_gather_result {
-    float irr[3];      /* [W m^-2] */
-    float error;       /* relative standard error of the luminance */
-    float grad_t[6];   /* d irr_c / dt, d irr_c / db [W m^-3], record frame, c = RGB */
-    float grad_r[6];   /* rotational gradient, record frame */
-    float harmonic;    /* [m] harmonic mean distance; KL_INF under an open sky */
+    float irr[3];                /* [W m^-2] */
+    float error;                 /* relative standard error of the luminance */
+    float grad_t[6];             /* d irr_c / dt, d irr_c / db [W m^-3], record frame, c = RGB */
+    float grad_r[6];             /* rotational gradient, record frame */
+    float harmonic;              /* [m] harmonic mean distance; KL_INF under an open sky */
     float clearance[KL_SECTORS]; /* [m] where the horizon is blocked, KL_INF: open */
 } kl_gather_result;
 

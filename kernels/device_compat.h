@@ -40,7 +40,7 @@ typedef ulong kl_u64;
 #define KL_FN static inline
 #define KL_GLOBAL
 #define KL_PREFETCH(p) __builtin_prefetch(p)
-#define KL_CONST static const
+#define KL_CONST       static const
 typedef uint8_t kl_u8;
 typedef uint16_t kl_u16;
 typedef int16_t kl_i16;

@@ -12,10 +12,10 @@
 
 /* A point for which irradiance is wanted. */
 typedef struct kl_gather_point {
-    float pos[3];     /* [m], render space, on the surface */
-    kl_u32 normal;    /* octahedral: smooth normal, axis of the hemisphere */
-    kl_u32 geometric; /* octahedral: normal of the triangle, on the same side */
-    kl_u32 seed;      /* identity of the record: hash of position, normal, level */
+    float pos[3];           /* [m], render space, on the surface */
+    kl_u32 normal;          /* octahedral: smooth normal, axis of the hemisphere */
+    kl_u32 geometric;       /* octahedral: normal of the triangle, on the same side */
+    kl_u32 seed;            /* identity of the record: hash of position, normal, level */
     float rot_cos, rot_sin; /* rotation of the direction set about the normal */
 } kl_gather_point;
 KL_ASSERT_SIZE(kl_gather_point, 32);
@@ -38,10 +38,10 @@ typedef struct kl_gather_cell {
 KL_ASSERT_SIZE(kl_gather_cell, 16);
 
 typedef struct kl_gather_settings {
-    kl_query query;       /* of the level-1 records */
-    float length_scale;   /* records serve a ray only if it is longer than xi * this * radius */
-    kl_u32 side;          /* directions are side x side */
-    kl_u32 sets;          /* number of direction sets, a power of two */
+    kl_query query;     /* of the level-1 records */
+    float length_scale; /* records serve a ray only if it is longer than xi * this * radius */
+    kl_u32 side;        /* directions are side x side */
+    kl_u32 sets;        /* number of direction sets, a power of two */
 } kl_gather_settings;
 
 /* Direct light reflected by a Lambertian surface of the given albedo: one light sample. */
@@ -82,8 +82,8 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         if (kl_is_black(beta)) break;
         const float choice = kl_sampler_1d(&sampler);
         const kl_vec2 u = kl_sampler_2d(&sampler);
-        sum = kl_v3_add(sum, kl_v3_mul(beta, kl_direct_lambert(s, &surf, kl_v3_splat(1.0f), choice,
-                                                               u)));
+        sum = kl_v3_add(sum,
+                        kl_v3_mul(beta, kl_direct_lambert(s, &surf, kl_v3_splat(1.0f), choice, u)));
         const float xi = kl_sampler_1d(&sampler);
         const kl_answer a = kl_cache_query(level1, &set->query, surf.pos, surf.smooth, surf.smooth);
         if (a.weight > 0.0f && hit.t > xi * set->length_scale * a.radius) {

@@ -25,7 +25,8 @@ KL_FN kl_vec2 kl_env_uv(kl_vec3 d)
 KL_FN kl_u32 kl_env_texel_at(const kl_scene_view *s, kl_vec2 uv)
 {
     const kl_u32 x = (kl_u32)kl_clamp(uv.x * (float)s->env.width, 0.0f, (float)(s->env.width - 1u));
-    const kl_u32 y = (kl_u32)kl_clamp(uv.y * (float)s->env.height, 0.0f, (float)(s->env.height - 1u));
+    const kl_u32 y =
+        (kl_u32)kl_clamp(uv.y * (float)s->env.height, 0.0f, (float)(s->env.height - 1u));
     return y * s->env.width + x;
 }
 /* Radiance from direction d; piecewise constant, so that the sampling density matches exactly. */
@@ -71,8 +72,8 @@ KL_FN kl_vec3 kl_env_sample(const kl_scene_view *s, kl_vec2 u)
     const float fy = wy > 0.0f ? (u.y - s->env_rows[y]) / wy : 0.5f;
     const float fx = wx > 0.0f ? (u.x - row[x]) / wx : 0.5f;
     const float theta = KL_PI * ((float)y + kl_clamp(fy, 0.0f, 0.9999f)) / (float)s->env.height;
-    const float phi = 2.0f * KL_PI *
-                      (((float)x + kl_clamp(fx, 0.0f, 0.9999f)) / (float)s->env.width - 0.5f);
+    const float phi =
+        2.0f * KL_PI * (((float)x + kl_clamp(fx, 0.0f, 0.9999f)) / (float)s->env.width - 0.5f);
     const float sine = kl_sin(theta);
     return kl_v3(sine * kl_sin(phi), kl_cos(theta), -sine * kl_cos(phi));
 }

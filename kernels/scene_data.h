@@ -100,20 +100,20 @@ KL_ASSERT_SIZE(kl_texture, 32);
 #define KL_LIGHT_ENVIRONMENT 4u
 
 typedef struct kl_light {
-    kl_u32 type;        /* KL_LIGHT_* */
-    kl_u32 triangle;    /* KL_LIGHT_TRIANGLE: index into triangles (instance 0), else KL_NONE */
-    kl_u32 leaf;        /* its node in the light tree; KL_NONE: infinitely far */
-    float range;        /* [m] KHR_lights_punctual range, 0 = unlimited */
-    float color[3];     /* point, spot: [cd]; directional: [lx]; triangle: [nit] untextured */
-    float cone_scale;   /* spot: 1 / (cos inner - cos outer) */
-    float pos[3];       /* point, spot: position; triangle: vertex 0 [m], render space */
-    float cone_cos;     /* spot: cos outer */
-    float dir[3];       /* spot, directional: unit, the way the light travels */
-    float area;         /* triangle: [m^2] */
-    float edge1[3];     /* triangle: v1 - v0 */
-    kl_u32 two_sided;   /* triangle */
-    float edge2[3];     /* triangle: v2 - v0 */
-    kl_u32 textured;    /* triangle: emission comes from the material's texture */
+    kl_u32 type;      /* KL_LIGHT_* */
+    kl_u32 triangle;  /* KL_LIGHT_TRIANGLE: index into triangles (instance 0), else KL_NONE */
+    kl_u32 leaf;      /* its node in the light tree; KL_NONE: infinitely far */
+    float range;      /* [m] KHR_lights_punctual range, 0 = unlimited */
+    float color[3];   /* point, spot: [cd]; directional: [lx]; triangle: [nit] untextured */
+    float cone_scale; /* spot: 1 / (cos inner - cos outer) */
+    float pos[3];     /* point, spot: position; triangle: vertex 0 [m], render space */
+    float cone_cos;   /* spot: cos outer */
+    float dir[3];     /* spot, directional: unit, the way the light travels */
+    float area;       /* triangle: [m^2] */
+    float edge1[3];   /* triangle: v1 - v0 */
+    kl_u32 two_sided; /* triangle */
+    float edge2[3];   /* triangle: v2 - v0 */
+    kl_u32 textured;  /* triangle: emission comes from the material's texture */
 } kl_light;
 KL_ASSERT_SIZE(kl_light, 96);
 
@@ -121,9 +121,9 @@ KL_ASSERT_SIZE(kl_light, 96);
  * Many Lights with Adaptive Tree Splitting", HPG 2018. Node 0 is the root. */
 typedef struct kl_light_node {
     float box_min[3];
-    float power;      /* of all lights below, luminance */
+    float power; /* of all lights below, luminance */
     float box_max[3];
-    float cos_cone;   /* emitting normals lie within this cone about axis; -1: any direction */
+    float cos_cone; /* emitting normals lie within this cone about axis; -1: any direction */
     float axis[3];
     kl_u32 parent;    /* KL_NONE at the root */
     kl_u32 child;     /* first of two neighbouring children; KL_NONE at a leaf */
@@ -142,17 +142,17 @@ typedef struct kl_environment {
 
 /* The view that every kernel function takes. Not shared bytes: each side fills its own. */
 typedef struct kl_scene_view {
-    kl_u32 needs; /* KL_NEED_* */
+    kl_u32 needs;          /* KL_NEED_* */
     kl_u32 light_count;    /* infinitely far ones first */
     kl_u32 far_count;      /* directional lights and the environment */
     float far_probability; /* of choosing among them, uniformly */
     kl_u32 instance_count;
-    float scene_radius; /* [m] of the bounding sphere of everything, > 0 */
-    const KL_GLOBAL float *positions;     /* 3 per vertex */
-    const KL_GLOBAL float *normals;       /* 3 per vertex, unit */
-    const KL_GLOBAL float *tangents;      /* 4 per vertex if KL_NEED_NORMAL_MAPS */
-    const KL_GLOBAL float *uvs;           /* 4 per vertex (set 0, set 1) if KL_NEED_TEXTURES */
-    const KL_GLOBAL float *colors;        /* 4 per vertex if KL_NEED_VERTEX_COLORS */
+    float scene_radius;               /* [m] of the bounding sphere of everything, > 0 */
+    const KL_GLOBAL float *positions; /* 3 per vertex */
+    const KL_GLOBAL float *normals;   /* 3 per vertex, unit */
+    const KL_GLOBAL float *tangents;  /* 4 per vertex if KL_NEED_NORMAL_MAPS */
+    const KL_GLOBAL float *uvs;       /* 4 per vertex (set 0, set 1) if KL_NEED_TEXTURES */
+    const KL_GLOBAL float *colors;    /* 4 per vertex if KL_NEED_VERTEX_COLORS */
     const KL_GLOBAL kl_triangle *triangles;
     const KL_GLOBAL kl_instance *instances;
     const KL_GLOBAL kl_material *materials;

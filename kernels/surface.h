@@ -18,7 +18,7 @@ typedef struct kl_surface {
     int unlit;         /* emission is what the eye sees, and lights nothing */
     kl_u32 object;     /* scene instance */
     kl_u32 triangle;
-    kl_u32 light;      /* index into lights, KL_NONE */
+    kl_u32 light; /* index into lights, KL_NONE */
 } kl_surface;
 
 typedef struct kl_uv {
@@ -52,7 +52,8 @@ KL_FN kl_rgba kl_material_texel(const kl_scene_view *s, const KL_GLOBAL kl_mater
     if (!KL_NEEDS(s, KL_NEED_TEXTURES) || use->texture == KL_NONE) return one;
     const float u = use->uv_set ? uv->set[1].x : uv->set[0].x;
     const float v = use->uv_set ? uv->set[1].y : uv->set[0].y;
-    return kl_texture_sample(s, use->texture, use->matrix[0] * u + use->matrix[1] * v + use->matrix[2],
+    return kl_texture_sample(s, use->texture,
+                             use->matrix[0] * u + use->matrix[1] * v + use->matrix[2],
                              use->matrix[3] * u + use->matrix[4] * v + use->matrix[5]);
 }
 
@@ -134,9 +135,9 @@ KL_FN kl_vec3 kl_normal_map(const kl_scene_view *s, const KL_GLOBAL kl_triangle 
     const kl_vec3 bitangent = kl_v3_scale(kl_cross(n, tangent), a[3] < 0.0f ? -1.0f : 1.0f);
     const kl_rgba p = kl_material_texel(s, m, KL_TEX_NORMAL, uv);
     const kl_vec3 bump = kl_v3((2.0f * p.r - 1.0f) * m->normal_scale,
-                                (2.0f * p.g - 1.0f) * m->normal_scale, 2.0f * p.b - 1.0f);
-    const kl_vec3 bent = kl_v3_mad(kl_v3_mad(kl_v3_scale(tangent, bump.x), bump.y, bitangent),
-                                   bump.z, n);
+                               (2.0f * p.g - 1.0f) * m->normal_scale, 2.0f * p.b - 1.0f);
+    const kl_vec3 bent =
+        kl_v3_mad(kl_v3_mad(kl_v3_scale(tangent, bump.x), bump.y, bitangent), bump.z, n);
     return kl_dot(bent, bent) > 1e-12f ? kl_normalize(bent) : n;
 }
 
@@ -160,8 +161,10 @@ KL_FN void kl_surface_material(const kl_scene_view *s, const KL_GLOBAL kl_materi
     const kl_rgba tint = kl_material_texel(s, m, KL_TEX_SPECULAR_COLOR, uv);
     const float weight = m->specular * kl_material_texel(s, m, KL_TEX_SPECULAR, uv).a;
     const float r = m->ior > 0.0f ? (m->ior - 1.0f) / (m->ior + 1.0f) : 1.0f;
-    kl_vec3 dielectric = kl_v3_scale(kl_v3(m->specular_color[0] * tint.r, m->specular_color[1] * tint.g,
-                                           m->specular_color[2] * tint.b), r * r);
+    kl_vec3 dielectric =
+        kl_v3_scale(kl_v3(m->specular_color[0] * tint.r, m->specular_color[1] * tint.g,
+                          m->specular_color[2] * tint.b),
+                    r * r);
     dielectric = kl_v3(kl_fmin(dielectric.x, 1.0f), kl_fmin(dielectric.y, 1.0f),
                        kl_fmin(dielectric.z, 1.0f));
     out->f0 = kl_v3_mad(kl_v3_scale(dielectric, weight * (1.0f - metallic)), metallic, color);
@@ -179,8 +182,9 @@ KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit
     const kl_vec3 c = kl_v3_load(s->positions + 3 * t->v[2]);
     const kl_uv uv = kl_hit_uv_if_needed(s, t, h);
     const kl_rgba base = kl_base_color(s, t, m, h, &uv);
-    kl_vec3 ns = kl_lerp3(kl_v3_load(s->normals + 3 * t->v[0]), kl_v3_load(s->normals + 3 * t->v[1]),
-                          kl_v3_load(s->normals + 3 * t->v[2]), h->u, h->v);
+    kl_vec3 ns =
+        kl_lerp3(kl_v3_load(s->normals + 3 * t->v[0]), kl_v3_load(s->normals + 3 * t->v[1]),
+                 kl_v3_load(s->normals + 3 * t->v[2]), h->u, h->v);
     kl_vec3 ng = kl_cross(kl_v3_sub(b, a), kl_v3_sub(c, a));
     kl_vec3 bent = ns;
 

@@ -11,8 +11,8 @@ extern "C" {
 #endif
 
 /* *out = zeroed storage for `count` items of `size` bytes (at least 1 byte), aligned to 64 bytes
- * and followed by 64 bytes that may be read (Embree reads 16 past a vertex array). Free with free().
- * *out is untouched on failure. */
+ * and followed by 64 bytes that may be read (Embree reads 16 past a vertex array). Free with
+ * free(). *out is untouched on failure. */
 kl_status kl_alloc_array(void *out, size_t count, size_t size, struct kl_err *err) KL_MUST_CHECK;
 
 /* Grow *array (capacity *capacity items of `size` bytes) to hold at least `count`: doubles, keeps

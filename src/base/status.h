@@ -14,8 +14,8 @@ typedef enum kl_status {
     KL_ERR_CORRUPT = 5, /* a cache file fails its checksum or its invariants */
     KL_ERR_VERSION = 6, /* a valid file of a format we do not write or read */
     KL_ERR_NO_MEMORY = 7,
-    KL_ERR_DEVICE = 8, /* OpenCL or Embree reported a failure */
-    KL_ERR_STALE = 9,  /* a valid cache, but of another scene or algorithm */
+    KL_ERR_DEVICE = 8,       /* OpenCL or Embree reported a failure */
+    KL_ERR_STALE = 9,        /* a valid cache, but of another scene or algorithm */
     KL_ERR_INTERRUPTED = 10, /* asked to stop; what was committed can be resumed */
     KL_ERR_LIMIT = 11,       /* a time or error limit was reached */
 } kl_status;

@@ -10,7 +10,7 @@
 #include <string.h>
 
 struct level {
-    struct kl_level_arrays part;  /* what is served: adopted arrays or the owned ones below */
+    struct kl_level_arrays part; /* what is served: adopted arrays or the owned ones below */
     bool owned, sorted;
     kl_record_hot *hot;
     kl_record_cold *cold;
@@ -76,11 +76,11 @@ static void serve_owned(struct level *l, uint32_t count)
 {
     l->owned = true;
     l->part = (struct kl_level_arrays){.record_count = count,
-                                     .hot = l->hot,
-                                     .cold = l->cold,
-                                     .octree = l->octree.head,
-                                     .slots = l->octree.slots,
-                                     .rows = l->octree.rows};
+                                       .hot = l->hot,
+                                       .cold = l->cold,
+                                       .octree = l->octree.head,
+                                       .slots = l->octree.slots,
+                                       .rows = l->octree.rows};
 }
 
 /* Clamp all radii by their neighbours and rebuild the index of an owned level. */
@@ -94,8 +94,7 @@ static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err 
 #pragma omp parallel for schedule(static, 256)
     for (uint32_t i = 0; i < n; ++i) {
         const float raw = kl_falloff_at(l->falloff, l->hot[i].pos, l->cold[i].raw_radius);
-        l->hot[i].radius =
-            kl_record_radius(&l->cold[i], raw, accuracy, c->settings.scene_radius);
+        l->hot[i].radius = kl_record_radius(&l->cold[i], raw, accuracy, c->settings.scene_radius);
         l->hot[i].radius2 = l->hot[i].radius;
     }
     kl_octree_fini(&l->octree);
@@ -128,7 +127,8 @@ static bool octree_fits(const struct kl_cache *c, uint32_t level, const kl_octre
 {
     return h->record_count == count && count > 0 && h->side == c->root.side &&
            memcmp(h->root_min, c->root.min, sizeof h->root_min) == 0 &&
-           h->reach == c->settings.reach[level] && h->cos_max == c->settings.cos_max && h->accuracy == c->settings.accuracy[level];
+           h->reach == c->settings.reach[level] && h->cos_max == c->settings.cos_max &&
+           h->accuracy == c->settings.accuracy[level];
 }
 
 kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl_level_arrays *part,

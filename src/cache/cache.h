@@ -13,11 +13,11 @@
 struct kl_cache;
 
 struct kl_cache_settings {
-    float center[3];      /* bounding sphere of the scene, render space [m] */
+    float center[3]; /* bounding sphere of the scene, render space [m] */
     float scene_radius;
     float accuracy[KL_CACHE_LEVELS]; /* radius over neighbour-clamped raw radius */
     float reach[KL_CACHE_LEVELS];    /* largest factor that queries enlarge radii by */
-    float cos_max;        /* cosine of the largest angle between normals */
+    float cos_max;                   /* cosine of the largest angle between normals */
 };
 
 kl_status kl_cache_create(const struct kl_cache_settings *settings, struct kl_cache **out,
@@ -47,7 +47,8 @@ struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_
 uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level);
 
 /* Make ready for kl_cache_predict_radius after adopting: costs a look at every record. */
-kl_status kl_cache_prepare(struct kl_cache *cache, uint32_t level, struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_cache_prepare(struct kl_cache *cache, uint32_t level,
+                           struct kl_err *err) KL_MUST_CHECK;
 
 /* Radius [m] that a record at pos would get at most, judged by its neighbours; `otherwise` where
  * there are none. */

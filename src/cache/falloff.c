@@ -11,7 +11,7 @@ enum { LEAF_POINTS = 8, MAX_DEPTH = 64 };
 
 struct node {
     float lo[3], hi[3];
-    float least; /* smallest value below */
+    float least;           /* smallest value below */
     uint32_t first, count; /* points of a leaf; count 0: inner node */
     uint32_t right;        /* second child; the first follows its parent */
 };

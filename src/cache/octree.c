@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-struct pair { /* a record in a cell */
+struct pair {     /* a record in a cell */
     uint64_t key; /* level, then cell coordinates */
     uint32_t record;
 };
@@ -149,7 +149,8 @@ static kl_status sort_pairs(struct pairs *pairs, struct kl_err *err)
         for (size_t i = 0; i < pairs->count; ++i) {
             ++start[((from[i].key >> shift) & 255u) + 1];
         }
-        if (pairs->count > 0 && start[((from[0].key >> shift) & 255u) + 1] == pairs->count) continue;
+        if (pairs->count > 0 && start[((from[0].key >> shift) & 255u) + 1] == pairs->count)
+            continue;
         for (int k = 0; k < 256; ++k) {
             start[k + 1] += start[k];
         }
@@ -181,8 +182,8 @@ static void mark_directory(struct kl_octree *o, uint32_t level, const int32_t c[
     for (uint32_t z = lo[2]; z <= hi[2]; ++z) {
         for (uint32_t y = lo[1]; y <= hi[1]; ++y) {
             for (uint32_t x = lo[0]; x <= hi[0]; ++x) {
-                o->rows[(z << (2 * KL_DIRECTORY_BITS)) | (y << KL_DIRECTORY_BITS) | x] |=
-                    1u << level;
+                o->rows[(z << (2 * KL_DIRECTORY_BITS)) | (y << KL_DIRECTORY_BITS) | x] |= 1u
+                                                                                          << level;
             }
         }
     }
@@ -228,9 +229,10 @@ kl_status kl_octree_build(const struct kl_octree_root *root, const kl_record_hot
                           struct kl_octree *out, struct kl_err *err)
 {
     struct pairs pairs = {0};
-    struct kl_octree o = {.head = {.side = root->side, .record_count = count,
-                               .reach = limits->reach,
-                               .cos_max = limits->cos_max}};
+    struct kl_octree o = {.head = {.side = root->side,
+                                   .record_count = count,
+                                   .reach = limits->reach,
+                                   .cos_max = limits->cos_max}};
     size_t cells = 0;
     kl_status st = KL_OK;
 

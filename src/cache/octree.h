@@ -1,5 +1,5 @@
-/* Builds the index of one level: kernels/cache_data.h says what it looks like, kernels/cache_query.h
- * reads it. */
+/* Builds the index of one level: kernels/cache_data.h says what it looks like,
+ * kernels/cache_query.h reads it. */
 #ifndef KL_SRC_CACHE_OCTREE_H
 #define KL_SRC_CACHE_OCTREE_H
 
@@ -30,8 +30,7 @@ struct kl_octree_limits {
  * overwritten; free with kl_octree_fini. */
 kl_status kl_octree_build(const struct kl_octree_root *root, const kl_record_hot *hot,
                           uint32_t count, const struct kl_octree_limits *limits,
-                          struct kl_octree *out,
-                          struct kl_err *err) KL_MUST_CHECK;
+                          struct kl_octree *out, struct kl_err *err) KL_MUST_CHECK;
 void kl_octree_fini(struct kl_octree *octree);
 
 #endif

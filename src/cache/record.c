@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-static const float max_radius = 0.2f;   /* of the scene's: safety net for open skies */
+static const float max_radius = 0.2f;    /* of the scene's: safety net for open skies */
 static const float max_harmonic = 10.0f; /* of the scene's: what "infinitely far" counts as */
 
 /* Length over which the irradiance changes by its own size, from the larger of the channels'

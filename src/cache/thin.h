@@ -11,9 +11,9 @@
 
 struct kl_candidate {
     kl_vec3 pos, normal, geometric; /* render space; normals unit */
-    float spacing;  /* [m] least radius */
-    float exclude;  /* [m] no other record within this distance, normals alike */
-    uint32_t rank;  /* order: smaller first; ties by position in the array */
+    float spacing;                  /* [m] least radius */
+    float exclude;                  /* [m] no other record within this distance, normals alike */
+    uint32_t rank;                  /* order: smaller first; ties by position in the array */
 };
 
 /* Sorts candidates by rank, moves those that stay to the front and returns their number in *kept,

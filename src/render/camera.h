@@ -11,8 +11,8 @@
 struct kl_camera {
     uint32_t width, height; /* [pixels] */
     bool orthographic;
-    kl_vec3 eye;                /* [m], render space */
-    kl_vec3 right, up, forward; /* unit, orthogonal */
+    kl_vec3 eye;                   /* [m], render space */
+    kl_vec3 right, up, forward;    /* unit, orthogonal */
     float half_width, half_height; /* of the image: at distance 1, or [m] where orthographic */
 };
 

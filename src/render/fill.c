@@ -23,8 +23,8 @@ static float coverage(const struct kl_fill_job *job, const kl_level_view *view,
 }
 
 /* Copy the points that are not served well enough to `out`, which may be `points`; their number. */
-static size_t find_uncovered(const struct kl_fill_job *job, uint32_t level,
-                             struct kl_point *points, size_t count, struct kl_point *out)
+static size_t find_uncovered(const struct kl_fill_job *job, uint32_t level, struct kl_point *points,
+                             size_t count, struct kl_point *out)
 {
     const kl_level_view view = kl_cache_view(job->cache, level);
     size_t kept = 0;
@@ -114,7 +114,8 @@ static kl_status gather_and_insert(const struct kl_fill_job *job, uint32_t level
     for (size_t i = 0; i < n; ++i) {
         b.points[i] = gather_point(&chosen[i], level);
     }
-    struct kl_gather_job gather = {job->scene, &level1, tables, job->gather, b.points, n, b.results};
+    struct kl_gather_job gather = {job->scene, &level1, tables,   job->gather,
+                                   b.points,   n,       b.results};
     gather.settings.side = tables->side;
     gather.settings.sets = tables->sets;
     st = job->gather_batch(job->gather_context, &gather, err);
@@ -141,9 +142,9 @@ cleanup:
 }
 
 /* Candidates from points, thinned. */
-static kl_status choose(const struct kl_fill_job *job, uint32_t level, const struct kl_point *points,
-                        size_t count, size_t limit, struct kl_candidate **chosen, size_t *kept,
-                        struct kl_err *err)
+static kl_status choose(const struct kl_fill_job *job, uint32_t level,
+                        const struct kl_point *points, size_t count, size_t limit,
+                        struct kl_candidate **chosen, size_t *kept, struct kl_err *err)
 {
     struct kl_candidate *c = NULL;
     kl_status st = kl_cache_prepare(job->cache, level, err);
@@ -155,10 +156,10 @@ static kl_status choose(const struct kl_fill_job *job, uint32_t level, const str
         const float pixel = level == 0 ? finest_pixel(job, p->pos, p->pixel) : p->pixel;
         const float pos[3] = {p->pos.x, p->pos.y, p->pos.z};
         const float spacing = job->spacing_px * pixel;
-        const float predicted =
-            kl_cache_predict_radius(job->cache, level, pos, unknown_px * pixel);
-        c[i] = (struct kl_candidate){p->pos, p->smooth, p->geometric, spacing,
-                                     exclusion * fmaxf(predicted, spacing), p->rank};
+        const float predicted = kl_cache_predict_radius(job->cache, level, pos, unknown_px * pixel);
+        c[i] = (struct kl_candidate){
+            p->pos, p->smooth, p->geometric, spacing, exclusion * fmaxf(predicted, spacing),
+            p->rank};
     }
     st = kl_thin(c, count, alike, limit, kept, err);
     *chosen = c;
@@ -200,7 +201,8 @@ static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, stru
             st = kl_fail(err, KL_ERR_INTERRUPTED, "interrupted");
         }
     }
-    if (level == 0 && count > 0) stats->uncovered = fmax(stats->uncovered, (double)n / (double)count);
+    if (level == 0 && count > 0)
+        stats->uncovered = fmax(stats->uncovered, (double)n / (double)count);
     free(left);
     return st;
 }

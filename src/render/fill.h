@@ -22,15 +22,15 @@ struct kl_fill_job {
     const struct kl_camera *cameras; /* one per frame */
     uint32_t camera_count;
     const struct kl_gather_tables *tables[KL_CACHE_LEVELS];
-    kl_gather_settings gather;       /* side and sets are set per level */
-    kl_query query;                  /* for coverage: radii as they are */
-    float least_weight;              /* records are placed where the weights sum to less */
-    float spacing_px;                /* least radius in pixels */
-    float uncovered;                 /* share of pixels that may stay without */
-    uint32_t batch;                  /* records at most */
+    kl_gather_settings gather; /* side and sets are set per level */
+    kl_query query;            /* for coverage: radii as they are */
+    float least_weight;        /* records are placed where the weights sum to less */
+    float spacing_px;          /* least radius in pixels */
+    float uncovered;           /* share of pixels that may stay without */
+    uint32_t batch;            /* records at most */
     kl_gather_fn gather_batch;
     void *gather_context;
-    kl_batch_fn keep_batch;          /* may be NULL */
+    kl_batch_fn keep_batch; /* may be NULL */
     void *keep_context;
     /* stage 0: surfaces that gather rays reach; 1: what the cameras see. True asks to stop. */
     bool (*progress)(void *context, int stage, double done, uint32_t records);
@@ -41,7 +41,7 @@ struct kl_fill_stats {
     uint64_t primary_rays, gather_rays;
     uint32_t added[KL_CACHE_LEVELS];
     uint32_t batches;
-    double uncovered;       /* share of pixels at the end, worst frame */
+    double uncovered; /* share of pixels at the end, worst frame */
     double visibility_seconds, gather_seconds, insert_seconds;
 };
 

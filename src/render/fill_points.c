@@ -64,8 +64,8 @@ kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
     if (st != KL_OK) return st;
 #pragma omp parallel for schedule(dynamic, 64)
     for (size_t i = 0; i < pixels; ++i) {
-        const kl_ray ray = kl_camera_ray(c, (float)(i % c->width) + 0.5f,
-                                         (float)(i / c->width) + 0.5f);
+        const kl_ray ray =
+            kl_camera_ray(c, (float)(i % c->width) + 0.5f, (float)(i / c->width) + 0.5f);
         kl_hit hit;
         kl_surface s;
         float length = 0.0f;
@@ -84,8 +84,7 @@ kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
 }
 
 /* One walk: cosine-distributed bounces; the camera's own hit is not a gather hit. */
-static size_t walk(const struct kl_fill_job *job, uint32_t number,
-                   struct kl_point out[WALK_LENGTH])
+static size_t walk(const struct kl_fill_job *job, uint32_t number, struct kl_point out[WALK_LENGTH])
 {
     kl_sampler sampler = kl_sampler_make(number, 0x2545f491u);
     const struct kl_camera *c =

@@ -16,8 +16,8 @@
 /* Changes whenever the same scene and settings would give other records. */
 static const uint32_t algorithm_version = 1;
 
-static const float reach = 1.4f;          /* second-pass smoothing: methods of Krivanek 2008 */
-static const float cos_max = 0.9394f;     /* cos(0.35 rad): normals share records up to 20 degrees */
+static const float reach = 1.4f;      /* second-pass smoothing: methods of Krivanek 2008 */
+static const float cos_max = 0.9394f; /* cos(0.35 rad): normals share records up to 20 degrees */
 static const float least_weight = 0.3f;
 static const float spacing_px = 1.5f;
 static const float uncovered = 5e-4f;
@@ -41,7 +41,8 @@ struct kl_renderer {
 };
 
 /* Radius over raw radius for an error to aim at. The first-order extrapolation is off by about
- * (d / R)^2 / 4 of the irradiance at distance d: solve for the radius at which that is the error. */
+ * (d / R)^2 / 4 of the irradiance at distance d: solve for the radius at which that is the error.
+ */
 static float accuracy_for(double error)
 {
     return (float)fmin(1.0, sqrt(4.0 * error));
@@ -164,8 +165,7 @@ kl_status kl_renderer_camera(const struct kl_renderer *renderer, uint32_t index,
                              struct kl_err *err)
 {
     struct kl_pose *pose = NULL;
-    kl_status st =
-        kl_pose_create(renderer->scene, renderer->settings.animation, time, &pose, err);
+    kl_status st = kl_pose_create(renderer->scene, renderer->settings.animation, time, &pose, err);
     if (st != KL_OK) return st;
     *out = kl_camera_from_scene(renderer->scene, pose, index, renderer->origin, width, height);
     kl_pose_destroy(pose);

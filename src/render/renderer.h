@@ -18,11 +18,11 @@ struct kl_renderer;
 /* Zero is the default of every field. */
 struct kl_renderer_settings {
     enum kl_indirect indirect;
-    const char *device;      /* who gathers: "auto" (NULL), "embree", "opencl", "opencl:N" */
-    double error;            /* relative error of indirect irradiance to aim at; 0: 0.02 */
-    uint32_t rays;           /* gather rays of a record seen from the camera, a power of 4; 0: 1024 */
-    uint32_t seed;           /* of the image samples */
-    uint32_t animation;      /* of the scene, KL_NONE: all of them */
+    const char *device; /* who gathers: "auto" (NULL), "embree", "opencl", "opencl:N" */
+    double error;       /* relative error of indirect irradiance to aim at; 0: 0.02 */
+    uint32_t rays;      /* gather rays of a record seen from the camera, a power of 4; 0: 1024 */
+    uint32_t seed;      /* of the image samples */
+    uint32_t animation; /* of the scene, KL_NONE: all of them */
 };
 
 kl_status kl_renderer_create(const struct kl_scene *scene,

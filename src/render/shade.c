@@ -74,8 +74,7 @@ static kl_vec3 direct_by_base(const struct kl_shade_context *context, const kl_s
         kl_intersect(context->scene, &ray, kl_hash2(sampler->seed, sampler->index), &hit);
     if (found) kl_surface_at(context->scene, &ray, &hit, &other);
     if (found && (other.unlit || other.light == KL_NONE)) return kl_v3_splat(0.0f);
-    return kl_v3_mul(albedo,
-                     kl_shade_emission(context, &ray, found ? &hit : NULL, &other, &from));
+    return kl_v3_mul(albedo, kl_shade_emission(context, &ray, found ? &hit : NULL, &other, &from));
 }
 
 /* Irradiance by one short path: for samples that no record serves. Unbiased. */
@@ -86,8 +85,7 @@ static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_
     const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
     ++counts->late;
     if (!(kl_dot(dir, surface->geometric) > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray =
-        kl_ray_make(kl_offset_point(surface->pos, surface->geometric), dir, KL_INF);
+    const kl_ray ray = kl_ray_make(kl_offset_point(surface->pos, surface->geometric), dir, KL_INF);
     const kl_gather_cell cell = kl_gather_ray(context->scene, &context->levels[1], &context->gather,
                                               surface->smooth, ray, *sampler);
     ++sampler->dim;
@@ -220,9 +218,9 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
         if (context->indirect == KL_INDIRECT_CACHE && !kl_is_black(albedo)) {
             float late;
             const float slope = kl_fmax(kl_dot(wo, surface.geometric), 0.1f);
-            const kl_answer a = find_irradiance(context, &surface, first,
-                                                pixel_size * length / slope, reuse, sampler,
-                                                counts, &late);
+            const kl_answer a =
+                find_irradiance(context, &surface, first, pixel_size * length / slope, reuse,
+                                sampler, counts, &late);
             indirect = kl_v3_scale(kl_v3_mul(albedo, a.irr), KL_INV_PI);
             if (first) {
                 parts->irradiance = a.irr;
@@ -238,8 +236,7 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
             parts->diffuse_indirect = indirect;
         } else {
             const kl_vec3 sum = kl_v3_add(kl_v3_add(direct.diffuse, direct.specular), indirect);
-            parts->specular_indirect =
-                kl_v3_add(parts->specular_indirect, kl_v3_mul(beta, sum));
+            parts->specular_indirect = kl_v3_add(parts->specular_indirect, kl_v3_mul(beta, sum));
         }
         if (!(chance > 0.0f)) return;
         if (!continue_specular(&surface, wo, chance, sampler, &beta, &from, &ray)) return;

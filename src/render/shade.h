@@ -19,8 +19,8 @@ struct kl_shade_context {
     const kl_scene_view *scene;
     kl_level_view levels[KL_CACHE_LEVELS]; /* frozen */
     enum kl_indirect indirect;
-    kl_query query;             /* of level 0 */
-    kl_gather_settings gather;  /* for samples that no record serves */
+    kl_query query;            /* of level 0 */
+    kl_gather_settings gather; /* for samples that no record serves */
 };
 
 /* The last queries of a pixel that went to the records (Krivanek, SIGGRAPH 2008 course): samples

@@ -4,7 +4,8 @@
 
 #include "src/render/shade.h"
 
-/* Share of a strategy with density p against another with density q: power heuristic, exponent 2. */
+/* Share of a strategy with density p against another with density q: power heuristic, exponent 2.
+ */
 static inline float kl_power_weight(float p, float q)
 {
     const float p2 = p * p;

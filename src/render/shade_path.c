@@ -106,8 +106,9 @@ void kl_shade_path(const struct kl_shade_context *context, kl_ray ray, kl_sample
     }
     if (kl_max3(parts->albedo) > 1e-4f) { /* what irradiance this sample amounts to */
         const kl_vec3 e = parts->diffuse_indirect;
-        parts->irradiance = kl_v3(e.x / kl_fmax(parts->albedo.x, 1e-4f), e.y / kl_fmax(parts->albedo.y, 1e-4f),
-                                  e.z / kl_fmax(parts->albedo.z, 1e-4f));
+        parts->irradiance =
+            kl_v3(e.x / kl_fmax(parts->albedo.x, 1e-4f), e.y / kl_fmax(parts->albedo.y, 1e-4f),
+                  e.z / kl_fmax(parts->albedo.z, 1e-4f));
         parts->irradiance = kl_v3_scale(parts->irradiance, KL_PI);
     }
 }

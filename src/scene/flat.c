@@ -12,11 +12,11 @@
  * second level of tracing costs more than the copy. */
 enum { SHARE_TRIANGLES = 4096 };
 
-struct plan { /* what becomes of each scene instance and mesh */
+struct plan {               /* what becomes of each scene instance and mesh */
     uint32_t *uses;         /* per mesh */
     uint32_t *first_vertex; /* per mesh: of its shared copy, KL_NONE if it has none */
     uint32_t *first_triangle;
-    uint8_t *shared;        /* per scene instance */
+    uint8_t *shared; /* per scene instance */
     uint32_t merged_vertices, merged_triangles, shared_vertices, shared_triangles, instances;
 };
 
@@ -195,8 +195,8 @@ static void merge_vertices(struct kl_flat *flat, const struct kl_mesh *mesh,
         }
         double normal[3];
         for (int r = 0; r < 3; ++r) {
-            normal[r] = sign * (c[r] * (double)n[0] + c[3 + r] * (double)n[1] +
-                                c[6 + r] * (double)n[2]);
+            normal[r] =
+                sign * (c[r] * (double)n[0] + c[3 + r] * (double)n[1] + c[6 + r] * (double)n[2]);
         }
         store_unit(flat->normals + 3 * (first + v), normal[0], normal[1], normal[2]);
         if (flat->tangents == NULL || tangents == NULL) continue;
@@ -328,8 +328,8 @@ static void set_bounds(struct kl_flat *flat)
         const kl_instance *inst = &flat->instances[i];
         for (uint32_t t = 0; t < 3 * inst->triangle_count; ++t) {
             const kl_triangle *tri = &flat->triangles[inst->first_triangle + t / 3];
-            const kl_vec3 p = kl_affine_point(inst->render_from_object,
-                                              kl_v3_load(flat->positions + 3 * (size_t)tri->v[t % 3]));
+            const kl_vec3 p = kl_affine_point(
+                inst->render_from_object, kl_v3_load(flat->positions + 3 * (size_t)tri->v[t % 3]));
             const float q[3] = {p.x, p.y, p.z};
             for (int k = 0; k < 3; ++k) {
                 lo[k] = fminf(lo[k], q[k]);

@@ -9,12 +9,12 @@
 #include "src/scene/scene.h"
 
 struct kl_flat {
-    double origin[3];      /* [m] world position of render space's origin */
-    float center[3];       /* [m] render space: bounding sphere of all geometry */
-    float radius;          /* [m] > 0 */
+    double origin[3]; /* [m] world position of render space's origin */
+    float center[3];  /* [m] render space: bounding sphere of all geometry */
+    float radius;     /* [m] > 0 */
     uint32_t vertex_count, triangle_count, instance_count, material_count;
     uint32_t texture_count, texel_count, light_count, light_node_count;
-    kl_scene_view view;    /* points into the arrays below; tracer and bvh_* are filled by src/trace */
+    kl_scene_view view; /* points into the arrays below; tracer and bvh_* are filled by src/trace */
 
     float *positions, *normals, *tangents, *uvs, *colors;
     kl_triangle *triangles;

@@ -52,8 +52,8 @@ static kl_vec3 mean_emission(const struct kl_flat *flat, const kl_material *m)
         }
     }
     const double scale = count > 0 ? 1.0 / (double)count : 0.0;
-    return kl_v3_mul(factor, kl_v3((float)(sum[0] * scale), (float)(sum[1] * scale),
-                                   (float)(sum[2] * scale)));
+    return kl_v3_mul(
+        factor, kl_v3((float)(sum[0] * scale), (float)(sum[1] * scale), (float)(sum[2] * scale)));
 }
 
 static kl_light triangle_light(const struct kl_flat *flat, uint32_t triangle, kl_vec3 color)
@@ -121,8 +121,9 @@ static kl_status add_triangles(struct kl_flat *flat, struct light_list *list, st
     kl_status st = kl_alloc_array(&means, flat->material_count, sizeof *means, err);
     if (st != KL_OK) return st;
     for (uint32_t i = 0; i < flat->material_count; ++i) {
-        means[i] = (flat->materials[i].flags & KL_MAT_UNLIT) ? kl_v3_splat(0.0f)
-                                                              : mean_emission(flat, &flat->materials[i]);
+        means[i] = (flat->materials[i].flags & KL_MAT_UNLIT)
+                       ? kl_v3_splat(0.0f)
+                       : mean_emission(flat, &flat->materials[i]);
     }
     for (uint32_t t = 0; st == KL_OK && t < flat->instances[0].triangle_count; ++t) {
         const kl_vec3 color = means[flat->triangles[t].material];

@@ -74,7 +74,7 @@ static kl_status add_textures(const struct kl_scene *scene, struct kl_flat *flat
         const struct kl_scene_texture *t = &scene->textures[i / 2];
         const struct kl_scene_image *image = &scene->images[t->image];
         flat->textures[i] = (kl_texture){first[t->image], image->width, image->height, t->wrap_s,
-                                         t->wrap_t, t->nearest, i % 2, 0};
+                                         t->wrap_t,       t->nearest,   i % 2,         0};
     }
     if (st == KL_OK) fill_srgb_table(flat->srgb_table);
     free(first);

@@ -23,79 +23,79 @@ enum { KL_MAX_UV_SETS = 2 };
 /* One glTF primitive: triangles of one material. All indices are checked, all floats finite, all
  * normals unit length; degenerate triangles are gone. Arrays are owned by the scene. */
 struct kl_mesh {
-    char *name;                   /* never NULL */
-    uint32_t material;            /* index into kl_scene.materials, always valid */
+    char *name;        /* never NULL */
+    uint32_t material; /* index into kl_scene.materials, always valid */
     uint32_t vertex_count, triangle_count;
-    float *positions;             /* 3 per vertex [m] */
-    float *normals;               /* 3 per vertex; made flat or smooth where the file has none */
-    float *tangents;              /* 4 per vertex (w = handedness) if the material has a normal map */
-    float *uv[KL_MAX_UV_SETS];    /* 2 per vertex or NULL */
-    float *colors;                /* 4 per vertex linear RGBA or NULL */
-    uint32_t *indices;            /* 3 per triangle, < vertex_count */
+    float *positions;          /* 3 per vertex [m] */
+    float *normals;            /* 3 per vertex; made flat or smooth where the file has none */
+    float *tangents;           /* 4 per vertex (w = handedness) if the material has a normal map */
+    float *uv[KL_MAX_UV_SETS]; /* 2 per vertex or NULL */
+    float *colors;             /* 4 per vertex linear RGBA or NULL */
+    uint32_t *indices;         /* 3 per triangle, < vertex_count */
     /* Morph targets: displacements, target-major (target t, vertex v, xyz). */
     uint32_t morph_count;
     float *morph_positions, *morph_normals, *morph_tangents; /* 3 per vertex per target, or NULL */
     /* Skin weights, 4 influences per joint set: joint numbers of the instance's skin. */
-    uint32_t influence_count;     /* 0, 4 or 8 per vertex */
-    uint16_t *joints;             /* influence_count per vertex, < the skin's joint count */
-    float *weights;               /* influence_count per vertex, sums to 1 */
+    uint32_t influence_count; /* 0, 4 or 8 per vertex */
+    uint16_t *joints;         /* influence_count per vertex, < the skin's joint count */
+    float *weights;           /* influence_count per vertex, sums to 1 */
 };
 
 struct kl_node {
-    char *name;                   /* never NULL */
-    uint32_t parent;              /* index into nodes, always < this node's own; or KL_NONE */
-    bool has_matrix;              /* local transform is `matrix`, else T * R * S */
-    double matrix[16];            /* column major, as glTF writes it */
+    char *name;        /* never NULL */
+    uint32_t parent;   /* index into nodes, always < this node's own; or KL_NONE */
+    bool has_matrix;   /* local transform is `matrix`, else T * R * S */
+    double matrix[16]; /* column major, as glTF writes it */
     double translation[3], rotation[4] /* x y z w, unit */, scale[3];
-    uint32_t weight_count;        /* default morph weights of the node's mesh */
+    uint32_t weight_count; /* default morph weights of the node's mesh */
     double *weights;
-    bool visible;                 /* in the scene that is rendered */
+    bool visible; /* in the scene that is rendered */
 };
 
 /* A mesh at a node. A glTF mesh of n primitives at a node is n instances. */
 struct kl_scene_instance {
     uint32_t mesh, node;
-    uint32_t skin;                /* index into skins or KL_NONE */
-    uint32_t object;              /* number of the node among mesh nodes: the `id` AOV */
+    uint32_t skin;   /* index into skins or KL_NONE */
+    uint32_t object; /* number of the node among mesh nodes: the `id` AOV */
 };
 
 struct kl_skin {
     uint32_t joint_count;
-    uint32_t *joints;             /* node indices */
-    double *inverse_bind;         /* 16 per joint, column major */
+    uint32_t *joints;     /* node indices */
+    double *inverse_bind; /* 16 per joint, column major */
 };
 
 enum kl_projection { KL_PERSPECTIVE, KL_ORTHOGRAPHIC };
 
 struct kl_scene_camera {
-    char *name;                   /* the node's name, else the camera's, else "camera N" */
+    char *name; /* the node's name, else the camera's, else "camera N" */
     uint32_t node;
     enum kl_projection projection;
-    double yfov;                  /* [rad] perspective */
-    double aspect;                /* width / height, 0 if the file leaves it to the image */
-    double xmag, ymag;            /* [m] orthographic: half width and height */
-    double znear, zfar;           /* [m], zfar 0 = infinite */
+    double yfov;        /* [rad] perspective */
+    double aspect;      /* width / height, 0 if the file leaves it to the image */
+    double xmag, ymag;  /* [m] orthographic: half width and height */
+    double znear, zfar; /* [m], zfar 0 = infinite */
 };
 
-struct kl_scene_light {           /* KHR_lights_punctual */
+struct kl_scene_light { /* KHR_lights_punctual */
     char *name;
-    uint32_t node;                /* shines along the node's own -Z */
-    uint32_t type;                /* KL_LIGHT_POINT, _SPOT or _DIRECTIONAL */
-    double color[3], intensity;   /* point and spot [cd], directional [lx] */
-    double range;                 /* [m], 0 = unlimited */
-    double inner_cone, outer_cone;/* [rad] */
+    uint32_t node;                 /* shines along the node's own -Z */
+    uint32_t type;                 /* KL_LIGHT_POINT, _SPOT or _DIRECTIONAL */
+    double color[3], intensity;    /* point and spot [cd], directional [lx] */
+    double range;                  /* [m], 0 = unlimited */
+    double inner_cone, outer_cone; /* [rad] */
 };
 
-struct kl_scene_image {           /* RGBA8, rows from the top, as encoded in the file */
+struct kl_scene_image { /* RGBA8, rows from the top, as encoded in the file */
     char *name;
     uint32_t width, height;
-    uint8_t *texels;              /* 4 * width * height */
+    uint8_t *texels; /* 4 * width * height */
 };
 
 struct kl_scene_texture {
-    uint32_t image;               /* index into images */
-    uint32_t wrap_s, wrap_t;      /* KL_WRAP_* */
-    bool nearest;                 /* magnification without filtering */
+    uint32_t image;          /* index into images */
+    uint32_t wrap_s, wrap_t; /* KL_WRAP_* */
+    bool nearest;            /* magnification without filtering */
 };
 
 enum kl_interpolation { KL_STEP, KL_LINEAR, KL_CUBIC_SPLINE };
@@ -105,22 +105,22 @@ struct kl_animation_channel {
     uint32_t node;
     enum kl_channel_path path;
     enum kl_interpolation interpolation;
-    uint32_t key_count;           /* >= 1 */
-    uint32_t width;               /* values per key: 3, 4 or the number of weights */
-    float *times;                 /* [s], strictly increasing */
-    float *values;                /* width per key; cubic: in-tangent, value, out-tangent */
+    uint32_t key_count; /* >= 1 */
+    uint32_t width;     /* values per key: 3, 4 or the number of weights */
+    float *times;       /* [s], strictly increasing */
+    float *values;      /* width per key; cubic: in-tangent, value, out-tangent */
 };
 
 struct kl_animation {
     char *name;
-    double duration;              /* [s] last key */
+    double duration; /* [s] last key */
     uint32_t channel_count;
     struct kl_animation_channel *channels;
 };
 
 struct kl_scene_environment {
-    uint32_t width, height;       /* 0 x 0: none */
-    float *rgb;                   /* 3 per texel, rows from the top (+Y), all finite, >= 0 */
+    uint32_t width, height; /* 0 x 0: none */
+    float *rgb;             /* 3 per texel, rows from the top (+Y), all finite, >= 0 */
 };
 
 struct kl_scene {
@@ -128,17 +128,17 @@ struct kl_scene {
     uint32_t mesh_count, node_count, instance_count, skin_count, camera_count, light_count;
     uint32_t material_count, image_count, texture_count, animation_count;
     struct kl_mesh *meshes;
-    struct kl_node *nodes;        /* parents before children */
+    struct kl_node *nodes;               /* parents before children */
     struct kl_scene_instance *instances; /* only those of visible nodes */
     struct kl_skin *skins;
     struct kl_scene_camera *cameras;
     struct kl_scene_light *lights;
-    kl_material *materials;       /* the shared form; tex[].texture indexes `textures` */
+    kl_material *materials; /* the shared form; tex[].texture indexes `textures` */
     struct kl_scene_image *images;
     struct kl_scene_texture *textures;
     struct kl_animation *animations;
     struct kl_scene_environment environment;
-    uint32_t dropped_triangles;   /* degenerate or not finite */
+    uint32_t dropped_triangles; /* degenerate or not finite */
 };
 
 /* Frees everything; accepts NULL. */
@@ -147,8 +147,8 @@ void kl_scene_destroy(struct kl_scene *scene);
 /* Where every node is at one instant. */
 struct kl_pose {
     uint32_t node_count;
-    double *world_from_node;      /* 16 per node, column major */
-    double **weights;             /* morph weights per node, NULL where the node has none */
+    double *world_from_node; /* 16 per node, column major */
+    double **weights;        /* morph weights per node, NULL where the node has none */
 };
 
 /* Evaluate all animations (or, with `animation` not KL_NONE, that one) at `time` [s]; before the
@@ -162,9 +162,9 @@ void kl_pose_destroy(struct kl_pose *pose); /* accepts NULL */
  * in world space (glTF ignores the node's own transform then), else in object space. */
 struct kl_deformed {
     bool in_world;
-    double *positions;            /* 3 per vertex; double, as they may be world coordinates */
-    float *normals;               /* 3 per vertex, unit */
-    float *tangents;              /* 4 per vertex or NULL */
+    double *positions; /* 3 per vertex; double, as they may be world coordinates */
+    float *normals;    /* 3 per vertex, unit */
+    float *tangents;   /* 4 per vertex or NULL */
 };
 bool kl_instance_is_deformed(const struct kl_scene *scene, uint32_t instance);
 kl_status kl_instance_deform(const struct kl_scene *scene, const struct kl_pose *pose,

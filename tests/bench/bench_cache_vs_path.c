@@ -45,9 +45,11 @@ static kl_status judge(const struct bench *b, const struct kl_image *image, stru
 static kl_status open_renderer(const struct bench *b, enum kl_indirect indirect,
                                struct kl_renderer **r, struct kl_camera *camera, struct kl_err *err)
 {
-    const struct kl_renderer_settings settings = {
-        .rays = b->rays,
-        .indirect = indirect, .device = "embree", .error = b->error, .animation = KL_NONE};
+    const struct kl_renderer_settings settings = {.rays = b->rays,
+                                                  .indirect = indirect,
+                                                  .device = "embree",
+                                                  .error = b->error,
+                                                  .animation = KL_NONE};
     uint32_t index = 0;
     while (index < b->scene->camera_count &&
            strcmp(b->scene->cameras[index].name, b->camera) != 0) {

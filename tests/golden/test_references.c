@@ -18,8 +18,8 @@
 
 struct shot {
     const char *scene, *camera, *reference;
-    double time; /* [s] */
-    float lamp;        /* pixels above this are left out */
+    double time;                         /* [s] */
+    float lamp;                          /* pixels above this are left out */
     double most_by_paths, most_by_cache; /* block8_relmse */
 };
 static const double most_mean = 0.005; /* of the mean error */
@@ -69,8 +69,7 @@ static void compare(const struct shot *shot, enum kl_indirect indirect, uint32_t
     print_message("%s, %s: relMSE %.2e, of blocks %.2e, mean error %+.4f\n", shot->reference,
                   indirect == KL_INDIRECT_CACHE ? "cache" : "paths", m.relmse, m.block8_relmse,
                   m.mean_error);
-    const bool good =
-        m.block8_relmse < most && fabs(m.mean_error) < most_mean;
+    const bool good = m.block8_relmse < most && fabs(m.mean_error) < most_mean;
     if (!good) { /* for whoever looks into it */
         const char *folder = getenv("TMPDIR");
         (void)snprintf(path, sizeof path, "%s/golden-%s.exr", folder != NULL ? folder : "/tmp",
@@ -87,8 +86,8 @@ static void compare(const struct shot *shot, enum kl_indirect indirect, uint32_t
 static const struct shot cornell = {"cornell", "camera", "cornell", 0.0, 1.0f, 3.2e-4, 1e-4};
 static const struct shot sphere = {
     "integrating-sphere", "camera", "integrating-sphere", 0.0, 2.0f, 2e-4, 2e-5};
-static const struct shot rooms = {"two-rooms", "bright camera", "two-rooms-bright", 0.0, 1.5f,
-                                  2e-4,        5e-5};
+static const struct shot rooms = {"two-rooms", "bright camera", "two-rooms-bright", 0.0, 1.5f, 2e-4,
+                                  5e-5};
 static const struct shot gallery_1 = {"gallery", "fly", "gallery-fly-0001", 1.0 / 24.0, 3.0f,
                                       6.4e-4,    2.5e-4};
 static const struct shot gallery_61 = {"gallery", "fly", "gallery-fly-0061", 61.0 / 24.0, 3.0f,

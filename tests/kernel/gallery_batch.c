@@ -107,8 +107,7 @@ void gallery_batch_fini(struct gallery_batch *batch)
     }
 }
 
-struct kl_gather_job gallery_batch_job(const struct gallery_batch *batch,
-                                       kl_gather_result *results)
+struct kl_gather_job gallery_batch_job(const struct gallery_batch *batch, kl_gather_result *results)
 {
     return (struct kl_gather_job){
         .scene = &batch->flat->view,
