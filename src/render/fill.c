@@ -182,6 +182,7 @@ static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, stru
     const double start = kl_seconds();
     size_t n = st == KL_OK ? find_uncovered(job, level, all, count, left) : 0;
     const size_t first = n > 0 ? n : 1;
+    double reached = 0.0; /* share of the points served so far: only grows, for those who watch */
 
     stats->visibility_seconds += kl_seconds() - start;
     for (int pass = 0; st == KL_OK && pass < MAX_PASSES && n > allowed; ++pass) {
@@ -195,8 +196,9 @@ static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, stru
         if (st != KL_OK) break;
         n = find_uncovered(job, level, left, n, left);
         if (n <= allowed) n = find_uncovered(job, level, all, count, left);
-        const double progress = stage->done + stage->share * (1.0 - (double)n / (double)first);
-        if (job->progress != NULL && job->progress(job->progress_context, stage->number, progress,
+        reached = fmax(reached, 1.0 - (double)n / (double)first);
+        if (job->progress != NULL && job->progress(job->progress_context, stage->number,
+                                                   stage->done + stage->share * reached,
                                                    kl_cache_count(job->cache, level))) {
             st = kl_fail(err, KL_ERR_INTERRUPTED, "interrupted");
         }
