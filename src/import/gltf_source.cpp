@@ -17,6 +17,8 @@ const uint64_t max_file_bytes = uint64_t(1) << 36;
 {
     kl_err err = {};
     (void)kl_fail_errno(&err, "cannot %s", verb);
+    // A name that leads nowhere is the scene's fault, anything else the system's.
+    if (err.os_error == ENOENT || err.os_error == ENOTDIR) err.status = KL_ERR_INPUT;
     throw kl_import_failure(err);
 }
 

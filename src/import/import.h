@@ -14,9 +14,9 @@ extern "C" {
 typedef void (*kl_warn_fn)(void *context, const char *line);
 
 /* Read a .gltf or .glb file with everything it refers to. KL_ERR_INPUT with one line (file, place,
- * found, expected) where the file is not usable; KL_ERR_IO where it cannot be read. A required
- * extension that is not known is refused. *out is the caller's: kl_scene_destroy.
- * `warn` may be NULL. Threads: any number of imports at once. */
+ * found, expected) where the file, or one that it names, is not there or not usable; KL_ERR_IO
+ * where the system refuses to read it. A required extension that is not known is refused. *out is
+ * the caller's: kl_scene_destroy. `warn` may be NULL. Threads: any number of imports at once. */
 kl_status kl_import_gltf(const char *path, kl_warn_fn warn, void *warn_context,
                          struct kl_scene **out, struct kl_err *err) KL_MUST_CHECK;
 

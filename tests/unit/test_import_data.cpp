@@ -165,7 +165,7 @@ void test_missing_file(void **)
     kl_err err = {};
     kl_scene *scene = nullptr;
     assert_int_equal(kl_import_gltf("/nonexistent/a.glb", nullptr, nullptr, &scene, &err),
-                     KL_ERR_IO);
+                     KL_ERR_INPUT);
     assert_int_equal(std::strncmp(err.msg, "/nonexistent/a.glb: cannot open", 31), 0);
     assert_int_equal(kl_import_gltf("/", nullptr, nullptr, &scene, &err), KL_ERR_INPUT);
     assert_null(scene);
