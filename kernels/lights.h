@@ -36,6 +36,29 @@ KL_FN kl_vec3 kl_env_radiance(const kl_scene_view *s, kl_vec3 d)
     const kl_vec3 c = kl_v3_load(s->env_texels + 3 * (size_t)kl_env_texel_at(s, kl_env_uv(d)));
     return kl_v3_scale(c, s->env.scale);
 }
+/* The same between the texels' middles, for eyes: what the camera sees of the sky has no steps. */
+KL_FN kl_vec3 kl_env_radiance_smooth(const kl_scene_view *s, kl_vec3 d)
+{
+    if (!KL_NEEDS(s, KL_NEED_ENVIRONMENT)) return kl_v3_splat(0.0f);
+    const kl_vec2 uv = kl_env_uv(d);
+    const kl_u32 w = s->env.width;
+    const float last = (float)(s->env.height - 1u);
+    const float x = kl_clamp(uv.x, 0.0f, 1.0f) * (float)w + (float)w - 0.5f;
+    const float y = kl_clamp(uv.y * (float)s->env.height - 0.5f, 0.0f, last);
+    const kl_u32 x0 = (kl_u32)x % w;
+    const kl_u32 x1 = (x0 + 1u) % w;
+    const kl_u32 y0 = (kl_u32)y;
+    const kl_u32 y1 = y0 + 1u < s->env.height ? y0 + 1u : y0;
+    const float ax = x - kl_floor(x);
+    const float ay = y - kl_floor(y);
+    const kl_vec3 top =
+        kl_v3_mad(kl_v3_scale(kl_v3_load(s->env_texels + 3 * (size_t)(y0 * w + x0)), 1.0f - ax), ax,
+                  kl_v3_load(s->env_texels + 3 * (size_t)(y0 * w + x1)));
+    const kl_vec3 bottom =
+        kl_v3_mad(kl_v3_scale(kl_v3_load(s->env_texels + 3 * (size_t)(y1 * w + x0)), 1.0f - ax), ax,
+                  kl_v3_load(s->env_texels + 3 * (size_t)(y1 * w + x1)));
+    return kl_v3_scale(kl_v3_mad(kl_v3_scale(top, 1.0f - ay), ay, bottom), s->env.scale);
+}
 /* Largest i in [0, n) with cdf[i] <= u. */
 KL_FN kl_u32 kl_cdf_find(const KL_GLOBAL float *cdf, kl_u32 n, float u)
 {

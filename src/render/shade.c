@@ -8,8 +8,9 @@ kl_vec3 kl_shade_emission(const struct kl_shade_context *context, const kl_ray *
 {
     const kl_scene_view *s = context->scene;
     if (hit == NULL) {
+        if (!(from->pdf > 0.0f)) return kl_env_radiance_smooth(s, ray->dir);
         const kl_vec3 sky = kl_env_radiance(s, ray->dir);
-        if (!(from->pdf > 0.0f) || kl_is_black(sky)) return sky;
+        if (kl_is_black(sky)) return sky;
         const float p = kl_light_pdf(s, s->env.light, from->pos, from->normal, ray->dir, KL_INF);
         return kl_v3_scale(sky, kl_power_weight(from->pdf, p));
     }
