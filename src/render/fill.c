@@ -14,6 +14,8 @@ static const float alike = 0.98f;      /* cosine: candidates exclude each other 
 static const float exclusion = 0.5f;   /* of the predicted radius */
 static const float unknown_px = 12.0f; /* predicted radius where nothing is known yet */
 enum { MAX_PASSES = 64, MAX_ROUNDS = 8, FIRST_BATCH = 512 };
+/* Rays of a batch at most: seconds, so that stopping and progress do not wait for minutes. */
+enum { BATCH_RAYS = 1 << 22 };
 
 /* Sum of weights at a point, without enlarged radii. */
 static float coverage(const struct kl_fill_job *job, const kl_level_view *view,
@@ -171,6 +173,16 @@ struct stage { /* where a set of points stands in the whole, for progress */
     double done, share;
 };
 
+/* Records of the next batch at most. The first ones are few: later ones then end in them. */
+static size_t batch_limit(const struct kl_fill_job *job, uint32_t level)
+{
+    const size_t side = job->tables[level]->side;
+    const size_t by_rays = BATCH_RAYS / (side * side);
+    const bool early = kl_cache_count(job->cache, level) < FIRST_BATCH;
+    const size_t most = early && job->batch > FIRST_BATCH ? FIRST_BATCH : job->batch;
+    return by_rays < most ? by_rays : most;
+}
+
 /* Place records until at most `allowed` of the points are without. Radii of old records shrink as
  * new ones come near: what counts is a look at all points that finds few enough. */
 static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, struct kl_point *all,
@@ -188,8 +200,7 @@ static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, stru
     for (int pass = 0; st == KL_OK && pass < MAX_PASSES && n > allowed; ++pass) {
         struct kl_candidate *chosen = NULL;
         size_t kept = 0;
-        const bool early = kl_cache_count(job->cache, level) < FIRST_BATCH;
-        const size_t limit = early && job->batch > FIRST_BATCH ? FIRST_BATCH : job->batch;
+        const size_t limit = batch_limit(job, level);
         st = choose(job, level, left, n, limit, &chosen, &kept, err);
         if (st == KL_OK) st = gather_and_insert(job, level, chosen, kept, stats, err);
         free(chosen);

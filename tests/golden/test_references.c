@@ -116,9 +116,16 @@ static struct CMUnitTest test_of(const char *name, CMUnitTestFunction function,
     return (struct CMUnitTest){name, function, NULL, NULL, state};
 }
 
-/* With "many": path tracing with MANY_SPP samples, which takes minutes. */
+/* With "many": path tracing with MANY_SPP samples, which takes minutes. With "few": one scene. */
 int main(int argc, char **argv)
 {
+    if (argc > 1 && strcmp(argv[1], "few") == 0) {
+        const struct CMUnitTest tests[] = {
+            test_of("sphere_by_paths", by_paths, &sphere),
+            test_of("sphere_by_the_cache", by_the_cache, &sphere),
+        };
+        return cmocka_run_group_tests(tests, NULL, NULL);
+    }
     if (argc > 1 && strcmp(argv[1], "many") == 0) {
         const struct CMUnitTest tests[] = {
             test_of("cornell_by_many_paths", by_many_paths, &cornell),
