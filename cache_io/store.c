@@ -48,20 +48,27 @@ static int compare_ids(const void *a, const void *b)
     return (x->hash > y->hash) - (x->hash < y->hash);
 }
 
+/* A stream of its own over an open directory, which stays the caller's: closedir(*out). */
+static kl_status open_stream(int dir_fd, DIR **out, struct kl_err *err)
+{
+    const int fd = openat(dir_fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+
+    if (fd < 0) return kl_fail_errno(err, "list");
+    *out = fdopendir(fd);
+    if (*out != NULL) return KL_OK;
+    const kl_status st = kl_fail_errno(err, "list");
+    close(fd);
+    return st;
+}
+
 /* Sorted, so that what is opened first does not depend on the file system. */
 static kl_status list_segments(int dir_fd, struct listing *out, struct kl_err *err)
 {
-    kl_status st = KL_OK;
-    const int fd = openat(dir_fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    DIR *dir = NULL;
+    kl_status st = open_stream(dir_fd, &dir, err);
 
     out->count = 0;
-    if (fd < 0) return kl_fail_errno(err, "list");
-    DIR *dir = fdopendir(fd);
-    if (dir == NULL) {
-        st = kl_fail_errno(err, "list");
-        close(fd);
-        return st;
-    }
+    if (st != KL_OK) return st;
     for (;;) {
         struct segment_id id;
         errno = 0;
@@ -289,16 +296,10 @@ static bool is_our_temp(const char *name)
 
 static kl_status remove_all(int dir_fd, struct kl_err *err)
 {
-    kl_status st = KL_OK;
-    const int fd = openat(dir_fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    DIR *dir = NULL;
+    kl_status st = open_stream(dir_fd, &dir, err);
 
-    if (fd < 0) return kl_fail_errno(err, "list");
-    DIR *dir = fdopendir(fd);
-    if (dir == NULL) {
-        st = kl_fail_errno(err, "list");
-        close(fd);
-        return st;
-    }
+    if (st != KL_OK) return st;
     for (;;) {
         struct segment_id id;
         const struct dirent *entry = readdir(dir); /* NOLINT(concurrency-mt-unsafe): own stream */

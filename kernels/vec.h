@@ -73,10 +73,6 @@ KL_FN float kl_max3(kl_vec3 a)
 {
     return kl_fmax(kl_fmax(a.x, a.y), a.z);
 }
-KL_FN float kl_mean3(kl_vec3 a)
-{
-    return (a.x + a.y + a.z) * (1.0f / 3.0f);
-}
 /* Rec. 709 luminance of a linear colour. */
 KL_FN float kl_luminance(kl_vec3 c)
 {

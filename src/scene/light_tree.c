@@ -41,7 +41,7 @@ static void light_bounds(const kl_light *l, kl_light_node *node)
     node->cos_cone = 1.0f;
 }
 
-/* Smallest cone that holds two cones: axis and cosine into `out`. */
+/* A cone that holds two cones: axis and cosine into `out`; open where none narrower does. */
 static void merge_cones(const kl_light_node *a, const kl_light_node *b, kl_light_node *out)
 {
     const kl_vec3 u = kl_v3_load(a->axis);
@@ -53,9 +53,8 @@ static void merge_cones(const kl_light_node *a, const kl_light_node *b, kl_light
     const float angle = acosf(kl_clamp(kl_dot(u, v), -1.0f, 1.0f));
     const float half_a = acosf(kl_clamp(a->cos_cone, -1.0f, 1.0f));
     const float half_b = acosf(kl_clamp(b->cos_cone, -1.0f, 1.0f));
-    const float half = fmaxf(fmaxf(half_a, half_b), 0.5f * (angle + half_a + half_b)) + 1e-3f;
     const kl_vec3 middle = kl_v3_add(u, v);
-    if (half >= KL_PI || kl_dot(middle, middle) < 1e-4f) return;
+    if (kl_dot(middle, middle) < 1e-4f) return;
     /* About the bisector the cone must reach both outer rims. */
     const float reach = 0.5f * angle + fmaxf(half_a, half_b) + 1e-3f;
     if (reach >= KL_PI) return;
