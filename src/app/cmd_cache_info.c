@@ -1,21 +1,14 @@
-/* cache info and cache check. The cache of a moving scene is a folder of stores, one per instant
- * ("t-..."): both commands go through all of them. */
+/* cache info: what a cache holds. */
 #include "cache_io/store.h"
+#include "src/app/cache_stores.h"
 #include "src/app/commands.h"
-#include "src/app/folders.h"
 #include "src/app/json_text.h"
 #include "src/base/hash.h"
-#include "src/base/memory.h"
 
-#include <dirent.h>
 #include <float.h>
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-enum { PATH_SIZE = 4096 };
 
 /* One store, or the sum of the stores of a moving scene. */
 struct summary {
@@ -24,58 +17,6 @@ struct summary {
     uint64_t segments, bytes, generation, damaged, stores;
     double box_min[3], box_max[3]; /* [m] world; empty while there is no record */
 };
-
-struct stores {
-    size_t count, capacity;
-    char **paths;
-};
-
-static void stores_fini(struct stores *stores)
-{
-    for (size_t i = 0; i < stores->count; ++i) {
-        free(stores->paths[i]);
-    }
-    free(stores->paths);
-}
-
-static kl_status add_store(struct stores *stores, const char *path, struct kl_err *err)
-{
-    kl_status st = kl_grow_array(&stores->paths, &stores->capacity, stores->count + 1,
-                                 sizeof *stores->paths, err);
-    if (st == KL_OK) st = kl_copy_string(&stores->paths[stores->count], path, err);
-    if (st == KL_OK) ++stores->count;
-    return st;
-}
-
-static int compare_paths(const void *a, const void *b)
-{
-    char *const *x = a;
-    char *const *y = b;
-    return strcmp(*x, *y);
-}
-
-/* The stores in `dir`: itself, or its sub-folders "t-...", sorted. */
-static kl_status find_stores(const char *dir, struct stores *out, struct kl_err *err)
-{
-    DIR *folder = opendir(dir);
-    const struct dirent *entry = NULL;
-    kl_status st = KL_OK;
-
-    if (folder == NULL) {
-        return kl_fail(err, KL_ERR_INPUT, "%s: not a folder that can be read", dir);
-    }
-    while (st == KL_OK &&
-           (entry = readdir(folder)) != NULL) { /* NOLINT(concurrency-mt-unsafe): own stream */
-        char path[PATH_SIZE];
-        const int n = snprintf(path, sizeof path, "%s/%s", dir, entry->d_name);
-        if (n < 0 || (size_t)n >= sizeof path || strncmp(entry->d_name, "t-", 2) != 0) continue;
-        if (kl_folder_is(path)) st = add_store(out, path, err);
-    }
-    (void)closedir(folder);
-    if (st == KL_OK && out->count == 0) st = add_store(out, dir, err);
-    if (st == KL_OK) qsort(out->paths, out->count, sizeof *out->paths, compare_paths);
-    return st;
-}
 
 static void add_box(struct summary *s, const struct kl_level_arrays *level, const double origin[3])
 {
@@ -110,10 +51,10 @@ static void add_summary(struct summary *s, const struct kl_store *store)
 
 static kl_status summarise(const char *dir, struct summary *out, struct kl_err *err)
 {
-    struct stores stores = {0};
+    struct kl_cache_stores stores = {0};
     struct summary s = {.box_min = {DBL_MAX, DBL_MAX, DBL_MAX},
                         .box_max = {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
-    kl_status st = find_stores(dir, &stores, err);
+    kl_status st = kl_cache_stores_find(dir, &stores, err);
 
     for (size_t i = 0; st == KL_OK && i < stores.count; ++i) {
         struct kl_store *store = NULL;
@@ -122,7 +63,7 @@ static kl_status summarise(const char *dir, struct summary *out, struct kl_err *
         add_summary(&s, store);
         kl_store_close(store);
     }
-    stores_fini(&stores);
+    kl_cache_stores_fini(&stores);
     if (st == KL_OK) *out = s;
     return st;
 }
@@ -206,43 +147,4 @@ kl_status kl_command_cache_info(const struct kl_options *options, struct kl_err 
     }
     json_decref(list);
     return st;
-}
-
-/* Prints what is wrong with one store. */
-static kl_status check_store(const char *path, struct kl_err *err)
-{
-    struct kl_store *store = NULL;
-    const char *first = NULL;
-    kl_status st = kl_store_open(path, KL_STORE_READ, NULL, &store, err);
-
-    if (st != KL_OK) return st;
-    const size_t damaged = kl_store_damaged(store, &first);
-    if (damaged > 0) {
-        st = kl_fail(err, KL_ERR_CORRUPT, "%s: %zu damaged segments: %s", path, damaged,
-                     first != NULL ? first : "");
-    } else {
-        (void)printf("%s: whole, %zu segments\n", path, kl_store_segment_count(store));
-    }
-    kl_store_close(store);
-    return st;
-}
-
-kl_status kl_command_cache_check(const struct kl_options *options, struct kl_err *err)
-{
-    struct kl_err worst = {.status = KL_OK};
-
-    for (size_t i = 0; i < options->argument_count; ++i) {
-        struct stores stores = {0};
-        kl_status st = find_stores(options->arguments[i], &stores, err);
-        if (st != KL_OK) worst = *err;
-        for (size_t k = 0; st == KL_OK && k < stores.count; ++k) {
-            struct kl_err found;
-            if (check_store(stores.paths[k], &found) == KL_OK) continue;
-            (void)printf("%s\n", found.msg);
-            if (worst.status == KL_OK) worst = found;
-        }
-        stores_fini(&stores);
-    }
-    if (worst.status != KL_OK) *err = worst;
-    return worst.status;
 }
