@@ -23,7 +23,7 @@ bool kl_record_is_valid(const kl_record_hot *hot, const kl_record_cold *cold)
     ok = ok && isfinite(cold->raw_radius) && cold->raw_radius > 0.0f;
     /* Halves that are finite and not negative. */
     ok = ok && (cold->error_spacing & 0xffffu) < 0x7c00u && cold->error_spacing >> 16 < 0x7c00u;
-    ok = ok && hot->axis >> 16 < KL_CACHE_LEVELS;
+    ok = ok && kl_record_level(hot->form) < KL_CACHE_LEVELS;
     return ok;
 }
 

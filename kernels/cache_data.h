@@ -9,15 +9,16 @@
 #include "kernels/vec.h"
 
 #define KL_CACHE_LEVELS 2  /* 0: seen from the camera; 1: seen by gather rays */
-#define KL_SECTORS      16 /* azimuths of the leak test */
+#define KL_SECTORS      12 /* azimuths of the leak test */
 
 typedef struct kl_record_hot {
     float pos[3];  /* [m], render space */
     kl_u32 normal; /* octahedral, 2 x 16 bit: kl_oct_decode */
     float radius;  /* [m] distance at which the weight becomes 0 (minor axis), > 0; clamped */
     float radius2; /* [m] along the major axis, >= radius */
-    kl_u32 axis;   /* low 16 bits: angle of the minor axis in the frame, 65536 = 2 pi;
-                    * high 16 bits: bounce level */
+    kl_u32 form;   /* bits 0-11: angle of the minor axis in the frame, 4096 = pi; 12-19: raw
+                    * radius2 over raw radius, 0 = 1, 255 = 2; 20-23: bounce level; 24-27: log4 of
+                    * the gather rays */
     kl_u32 object; /* scene instance the record rides on, KL_NONE: static world */
 } kl_record_hot;
 KL_ASSERT_SIZE(kl_record_hot, 32);
@@ -31,10 +32,23 @@ typedef struct kl_record_cold {
                            * radius over raw_radius (pixel size where it was placed) */
     kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, in units
                                   * of kl_clearance_unit; 255: open */
-    kl_u32 id;                   /* hash of position, normal and level: the seed */
+    kl_u32 touched[2];           /* set of the scene objects that E depends on: bit per bucket */
 } kl_record_cold;
 KL_ASSERT_SIZE(kl_record_cold, 64);
 #define KL_CLEARANCE_REACH 2.0f
+
+KL_FN float kl_record_axis_angle(kl_u32 form)
+{
+    return (float)(form & 0xfffu) * (KL_PI / 4096.0f);
+}
+KL_FN float kl_record_axis_ratio(kl_u32 form)
+{
+    return 1.0f + (float)((form >> 12) & 0xffu) * (1.0f / 255.0f);
+}
+KL_FN kl_u32 kl_record_level(kl_u32 form)
+{
+    return (form >> 20) & 0xfu;
+}
 
 #define KL_DIRECTORY_BITS 5 /* the root cube has 32^3 directory cells */
 #define KL_DIRECTORY_SIZE 32768

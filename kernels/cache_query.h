@@ -11,6 +11,16 @@
 #define KL_MIN_EXTRAPOLATION 0.05f
 #define KL_MAX_EXTRAPOLATION 20.0f
 
+/* Identity of a record, in any process: hash of position, normal (octahedral) and bounce level. It
+ * seeds the gather, so that noise does not change from frame to frame. */
+KL_FN kl_u32 kl_record_seed(const float pos[3], kl_u32 normal, kl_u32 level)
+{
+    kl_u32 h = kl_hash(kl_as_u32(pos[0]) ^ (level << 30));
+    h = kl_hash(h ^ kl_as_u32(pos[1]));
+    h = kl_hash(h ^ kl_as_u32(pos[2]));
+    return kl_hash(h ^ normal);
+}
+
 /* How a query weighs records. */
 typedef struct kl_query {
     float reach;   /* radii are multiplied by this; at most the octree's own */
@@ -86,7 +96,7 @@ KL_FN float kl_record_weight(const KL_GLOBAL kl_record_hot *r, kl_vec3 p, kl_vec
     float t2 = d2 / (r1 * r1);
     if (r->radius2 > r->radius) {
         const kl_frame f = kl_frame_from_normal(ni);
-        const float angle = (float)(r->axis & 0xffffu) * (2.0f * KL_PI / 65536.0f);
+        const float angle = kl_record_axis_angle(r->form);
         const float x = kl_dot(d, f.t);
         const float y = kl_dot(d, f.b);
         const float major = y * kl_cos(angle) - x * kl_sin(angle);
@@ -98,15 +108,14 @@ KL_FN float kl_record_weight(const KL_GLOBAL kl_record_hot *r, kl_vec3 p, kl_vec
            (1.0f - q->cos_max);
 }
 
-/* One of KL_SECTORS azimuths for a direction in a record's frame: quadrant, then quarter of it. */
+/* One of KL_SECTORS azimuths for a direction in a record's frame: quadrant, then third of it. */
 KL_FN kl_u32 kl_sector_of(float x, float y)
 {
     const float ax = kl_fabs(x);
     const float ay = kl_fabs(y);
     const kl_u32 quadrant = (x < 0.0f ? 1u : 0u) + (y < 0.0f ? 2u : 0u);
-    const kl_u32 quarter = (ay > 0.414213562f * ax ? 1u : 0u) + (ay > ax ? 1u : 0u) +
-                           (ay > 2.414213562f * ax ? 1u : 0u); /* tan of 22.5, 45, 67.5 degrees */
-    return 4u * quadrant + quarter;
+    const kl_u32 third = (ay > 0.577350269f * ax ? 1u : 0u) + (ay > 1.732050808f * ax ? 1u : 0u);
+    return 3u * quadrant + third;
 }
 
 /* Unit of the clearance codes [m]: 254 of them reach past any radius the record may be given. */

@@ -43,9 +43,9 @@
 
 #define KL_PROBE_CACHE(T, F)                                                                      \
     T(kl_record_hot) F(kl_record_hot, normal) F(kl_record_hot, radius)                            \
-    F(kl_record_hot, radius2) F(kl_record_hot, axis) F(kl_record_hot, object)                     \
+    F(kl_record_hot, radius2) F(kl_record_hot, form) F(kl_record_hot, object)                     \
     T(kl_record_cold) F(kl_record_cold, grad_t) F(kl_record_cold, grad_r)                         \
-    F(kl_record_cold, raw_radius) F(kl_record_cold, clearance) F(kl_record_cold, id)              \
+    F(kl_record_cold, raw_radius) F(kl_record_cold, clearance) F(kl_record_cold, touched)         \
     T(kl_octree_header) F(kl_octree_header, side) F(kl_octree_header, level_mask)                 \
     F(kl_octree_header, slot_count) F(kl_octree_header, row_size)                                 \
     F(kl_octree_header, record_count) F(kl_octree_header, salt) F(kl_octree_header, reach)        \

@@ -145,18 +145,17 @@ kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl
     return st;
 }
 
-/* What makes a record itself: the id alone is a hash of 32 bits, and strangers may share it. */
+/* What makes a record itself, within a level. */
 struct identity {
-    uint32_t id, normal;
+    uint32_t normal;
     float pos[3];
     uint32_t number;
 };
 enum { IDENTITY_BYTES = offsetof(struct identity, number) };
 
-static struct identity identity_of(const kl_record_hot *hot, const kl_record_cold *cold,
-                                   uint32_t number)
+static struct identity identity_of(const kl_record_hot *hot, uint32_t number)
 {
-    struct identity out = {.id = cold->id, .normal = hot->normal, .number = number};
+    struct identity out = {.normal = hot->normal, .number = number};
     memcpy(out.pos, hot->pos, sizeof out.pos);
     return out;
 }
@@ -175,16 +174,15 @@ static int compare_numbered(const void *a, const void *b)
 }
 
 /* repeated[i] = 1 where record i of a batch is in the level already, or earlier in the batch. */
-static kl_status find_repeated(const struct level *l, const kl_record_hot *hot,
-                               const kl_record_cold *cold, uint32_t count, uint8_t *repeated,
-                               struct kl_err *err)
+static kl_status find_repeated(const struct level *l, const kl_record_hot *hot, uint32_t count,
+                               uint8_t *repeated, struct kl_err *err)
 {
     struct identity *batch = NULL;
     size_t unique = 0;
     kl_status st = kl_alloc_array(&batch, count, sizeof *batch, err);
     if (st != KL_OK) return st;
     for (uint32_t i = 0; i < count; ++i) {
-        batch[i] = identity_of(&hot[i], &cold[i], i);
+        batch[i] = identity_of(&hot[i], i);
     }
     qsort(batch, count, sizeof *batch, compare_numbered);
     for (uint32_t i = 0; i < count; ++i) {
@@ -195,7 +193,7 @@ static kl_status find_repeated(const struct level *l, const kl_record_hot *hot,
         }
     }
     for (uint32_t i = 0; i < l->part.record_count; ++i) {
-        const struct identity old = identity_of(&l->part.hot[i], &l->part.cold[i], i);
+        const struct identity old = identity_of(&l->part.hot[i], i);
         const struct identity *same =
             bsearch(&old, batch, unique, sizeof *batch, compare_identities);
         if (same != NULL) repeated[same->number] = 1;
@@ -212,7 +210,7 @@ kl_status kl_cache_insert(struct kl_cache *cache, uint32_t level, const kl_recor
     kl_status st = own_level(l, count, err);
 
     if (st == KL_OK) st = kl_alloc_array(&repeated, count, 1, err);
-    if (st == KL_OK) st = find_repeated(l, hot, cold, count, repeated, err);
+    if (st == KL_OK) st = find_repeated(l, hot, count, repeated, err);
     if (st != KL_OK) goto cleanup;
     for (uint32_t i = 0; i < count; ++i) {
         if (repeated[i]) continue;
@@ -229,7 +227,8 @@ cleanup:
 
 struct order {
     uint64_t code; /* Z-curve position */
-    uint32_t id, number;
+    const kl_record_hot *hot;
+    uint32_t number;
 };
 
 static uint64_t spread21(uint64_t x)
@@ -257,7 +256,9 @@ static int compare_order(const void *a, const void *b)
     const struct order *x = a;
     const struct order *y = b;
     if (x->code != y->code) return x->code < y->code ? -1 : 1;
-    return x->id < y->id ? -1 : x->id > y->id;
+    const int order = memcmp(x->hot->pos, y->hot->pos, sizeof x->hot->pos);
+    if (order != 0) return order;
+    return (x->hot->normal > y->hot->normal) - (x->hot->normal < y->hot->normal);
 }
 
 static kl_status sort_level(struct kl_cache *c, struct level *l, struct kl_err *err)
@@ -271,7 +272,7 @@ static kl_status sort_level(struct kl_cache *c, struct level *l, struct kl_err *
     if (st == KL_OK) st = kl_alloc_array(&cold, n, sizeof *cold, err);
     if (st != KL_OK) goto cleanup;
     for (uint32_t i = 0; i < n; ++i) {
-        order[i] = (struct order){z_code(&c->root, l->hot[i].pos), l->cold[i].id, i};
+        order[i] = (struct order){z_code(&c->root, l->hot[i].pos), &l->hot[i], i};
     }
     qsort(order, n, sizeof *order, compare_order);
     for (uint32_t i = 0; i < n; ++i) {

@@ -38,7 +38,7 @@ void kl_record_pack(const kl_gather_point *point, const kl_gather_result *result
     memset(cold, 0, sizeof *cold);
     memcpy(hot->pos, point->pos, sizeof hot->pos);
     hot->normal = point->normal;
-    hot->axis = level << 16;
+    hot->form = level << 20;
     hot->object = KL_NONE;
     hot->radius = raw;
     hot->radius2 = raw;
@@ -55,7 +55,6 @@ void kl_record_pack(const kl_gather_point *point, const kl_gather_result *result
         const float open = result->clearance[k] / kl_clearance_unit(cold);
         cold->clearance[k] = (kl_u8)(open >= 254.0f ? 255.0f : floorf(open * 0.98f));
     }
-    cold->id = point->seed;
 }
 
 float kl_record_radius(const kl_record_cold *cold, float clamped_raw, float accuracy,

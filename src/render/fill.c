@@ -66,10 +66,7 @@ static kl_gather_point gather_point(const struct kl_candidate *c, uint32_t level
     p.pos[2] = c->pos.z;
     p.normal = kl_oct_encode(c->normal);
     p.geometric = kl_oct_encode(c->geometric);
-    uint32_t h = kl_hash(kl_as_u32(p.pos[0]) ^ (level << 30));
-    h = kl_hash(h ^ kl_as_u32(p.pos[1]));
-    h = kl_hash(h ^ kl_as_u32(p.pos[2]));
-    p.seed = kl_hash(h ^ p.normal);
+    p.seed = kl_record_seed(p.pos, p.normal, level);
     const float angle = kl_unit_float(kl_hash(p.seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
     p.rot_cos = cosf(angle);
     p.rot_sin = sinf(angle);

@@ -119,7 +119,6 @@ static kl_status fill_cache(struct bench *b, struct kl_err *err)
         cold[i].irr[2] = 1.0f;
         cold[i].raw_radius = radius;
         memset(cold[i].clearance, 255, sizeof cold[i].clearance);
-        cold[i].id = i;
     }
     st = kl_cache_insert(b->cache, 0, hot, cold, n, err);
     if (st == KL_OK) st = kl_cache_finish(b->cache, err);

@@ -10,7 +10,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 static void touch(const struct kl_level_arrays *level, volatile kl_u32 *sink)
 {
     for (uint32_t i = 0; i < level->record_count; ++i)
-        *sink ^= level->cold[i].id;
+        *sink ^= level->cold[i].touched[0];
     for (uint32_t i = 0; i < level->octree.slot_count; ++i) {
         if (level->slots[i].tag == 0) continue;
         const kl_u32 *row = level->rows + level->slots[i].row;

@@ -35,12 +35,13 @@ static void take_points(struct gallery_batch *b, const struct kl_level_arrays *l
     b->count = level->record_count < count ? level->record_count : count;
     for (size_t i = 0; i < b->count; ++i) {
         const size_t k = i * level->record_count / b->count;
-        const float angle = 6.2831853f * (float)(level->cold[k].id & 1023u) / 1024.0f;
+        const uint32_t seed = kl_record_seed(level->hot[k].pos, level->hot[k].normal, 0);
+        const float angle = 6.2831853f * (float)(seed & 1023u) / 1024.0f;
         kl_gather_point *p = &b->points[i];
         memcpy(p->pos, level->hot[k].pos, sizeof p->pos);
         p->normal = level->hot[k].normal;
         p->geometric = level->hot[k].normal;
-        p->seed = level->cold[k].id;
+        p->seed = seed;
         p->rot_cos = cosf(angle);
         p->rot_sin = sinf(angle);
     }

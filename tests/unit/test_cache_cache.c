@@ -164,14 +164,14 @@ static void duplicates_within_a_batch(void **state)
     kl_cache_destroy(got);
 }
 
-/* Ids are 32-bit hashes: among 300 000 records about ten pairs share one by chance. Those are two
- * records, and which comes first must not decide which one is kept. */
-static void chance_collisions_of_ids(void **state)
+/* Two records at one position, of surfaces that meet at an edge: which comes first must not decide
+ * how they are sorted. */
+static void records_at_one_position(void **state)
 {
     static struct records r;
     fill(&r, 0, 9);
     (void)state;
-    r.cold[1].id = r.cold[0].id;
+    memcpy(r.hot[1].pos, r.hot[0].pos, sizeof r.hot[1].pos);
     struct kl_cache *forward = create();
     struct kl_cache *backward = create();
     insert(forward, 0, r.hot, r.cold, 1);
@@ -318,7 +318,7 @@ int main(void)
         cmocka_unit_test(batches_and_order_do_not_matter),
         cmocka_unit_test(duplicates_in_later_batches),
         cmocka_unit_test(duplicates_within_a_batch),
-        cmocka_unit_test(chance_collisions_of_ids),
+        cmocka_unit_test(records_at_one_position),
         cmocka_unit_test(adopting),
         cmocka_unit_test(growing_what_was_adopted),
         cmocka_unit_test(radii_are_clamped_by_neighbours),

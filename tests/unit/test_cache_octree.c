@@ -30,7 +30,7 @@ static void set_record(struct cloud *c, uint32_t i, kl_vec3 pos, kl_vec3 normal,
     kl_record_cold *k = &c->cold[i];
     *h = (kl_record_hot){{pos.x, pos.y, pos.z}, kl_oct_encode(normal), radius, radius, 0, KL_NONE};
     *k =
-        (kl_record_cold){.irr = {1.0f + (float)(i % 7), 1.0f, 0.5f}, .raw_radius = radius, .id = i};
+        (kl_record_cold){.irr = {1.0f + (float)(i % 7), 1.0f, 0.5f}, .raw_radius = radius};
     k->error_spacing = kl_float_to_half(0.01f);
     memset(k->clearance, 255, sizeof k->clearance);
 }
@@ -313,7 +313,7 @@ static void elliptic_records(void **state)
         set_record(c, i, kl_v3_scale(random_direction(&r), random_float(&r)), random_direction(&r),
                    random_range(&r, 0.05f, 0.3f));
         c->hot[i].radius2 = c->hot[i].radius * random_range(&r, 1.0f, 2.0f);
-        c->hot[i].axis = (uint32_t)(random_bits(&r) & 0xffffu);
+        c->hot[i].form = (uint32_t)(random_bits(&r) & 0xfffu);
     }
     cloud_index(c, center, 1.0f);
     const struct tally t = compare_many(c, 1.2f, 32, 4000);

@@ -41,11 +41,11 @@ static void make_batch(struct batch *b, float seed)
             hot->pos[0] = seed + (float)i;
             hot->radius = 0.5f;
             hot->radius2 = 0.75f;
-            hot->axis = l << 16 | i;
+            hot->form = l << 20 | (i & 0xfffu);
             hot->object = KL_NONE;
             cold->irr[1] = 1.0f + (float)i;
             cold->raw_radius = 1.0f;
-            cold->id = i * 77u;
+            cold->touched[0] = i * 77u;
         }
         b->levels[l].record_count = RECORDS - l;
         b->levels[l].hot = b->hot[l];
