@@ -57,7 +57,8 @@ enum section_type {
     SECTION_SLOTS = 4,
     SECTION_ROWS = 5,
     SECTION_SUPERSEDED = 6,
-    SECTION_TYPES = 7,
+    SECTION_PARTS = 7,
+    SECTION_TYPES = 8,
 };
 
 /* What a file name says. */
@@ -84,6 +85,8 @@ struct segment {
     struct kl_level_arrays levels[KL_CACHE_LEVELS];
     const unsigned char *superseded; /* OLD_SIZE bytes each */
     size_t superseded_count;
+    const kl_part *parts; /* of the scene; NULL: not in this segment */
+    uint32_t part_count;
 };
 
 struct segment_id segment_superseded_get(const struct segment *segment, size_t i);
@@ -106,6 +109,8 @@ struct segment_plan {
     const struct kl_level_arrays *levels; /* KL_CACHE_LEVELS */
     size_t superseded_count;
     const struct segment_id *superseded;
+    const kl_part *parts; /* NULL: left out */
+    uint32_t part_count;
 };
 
 /* Publish by section 5; *id is the new segment's. */
@@ -113,6 +118,8 @@ kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segm
                         struct kl_err *err) KL_MUST_CHECK;
 
 /* Items 6 and 7 of section 4 for one level. */
+/* The list of a scene's parts. */
+kl_status parts_validate(const kl_part *parts, uint32_t count, struct kl_err *err) KL_MUST_CHECK;
 kl_status level_validate(const struct kl_level_arrays *level, struct kl_err *err) KL_MUST_CHECK;
 
 uint64_t read_u64(const unsigned char *p);

@@ -17,6 +17,7 @@ static const size_t item_sizes[SECTION_TYPES] = {
     [SECTION_SLOTS] = sizeof(kl_octree_slot),
     [SECTION_ROWS] = sizeof(kl_u32),
     [SECTION_SUPERSEDED] = OLD_SIZE,
+    [SECTION_PARTS] = sizeof(kl_part),
 };
 
 struct section {
@@ -186,6 +187,11 @@ kl_status segment_parse(const void *data, size_t size, const struct segment_id *
     }
     out->superseded = superseded->data;
     out->superseded_count = (size_t)superseded->count;
+    const struct section *parts = &table.at[SECTION_PARTS][0];
+    out->parts = array_get(parts);
+    out->part_count = (uint32_t)parts->count;
+    st = parts_validate(out->parts, out->part_count, err);
+    if (st != KL_OK) return st;
     segment_id_format(&out->id, out->name);
     return KL_OK;
 }

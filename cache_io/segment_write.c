@@ -58,6 +58,9 @@ static void lay_out(const struct segment_plan *plan, const unsigned char *supers
     if (plan->superseded_count > 0) {
         add_piece(layout, SECTION_SUPERSEDED, 0, superseded, plan->superseded_count, OLD_SIZE);
     }
+    if (plan->part_count > 0) {
+        add_piece(layout, SECTION_PARTS, 0, plan->parts, plan->part_count, sizeof *plan->parts);
+    }
     uint64_t offset = align_up(HDR_TABLE + layout->count * SEC_SIZE + 8);
     for (size_t i = 0; i < layout->count; ++i) {
         layout->pieces[i].offset = offset;

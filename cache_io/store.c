@@ -27,6 +27,8 @@ struct kl_store {
     /* Superseded segments that are still there: the next base removes them too. */
     size_t leftover_count, leftover_capacity;
     struct segment_id *leftovers;
+    kl_part *parts; /* to be written */
+    uint32_t part_count;
     size_t damaged;
     char complaint[512];
 };
@@ -155,6 +157,74 @@ static kl_status check_key(const struct kl_store_key *have, const struct kl_stor
                    origin && !scene && !settings ? " origin of the scene" : "");
 }
 
+static bool key_is_equal(const struct kl_store_key *a, const struct kl_store_key *b)
+{
+    struct kl_err ignored;
+    return check_key(a, b, "", &ignored) == KL_OK;
+}
+
+static kl_status add_leftover(struct kl_store *store, const struct segment_id *id,
+                              struct kl_err *err)
+{
+    kl_status st = kl_grow_array(&store->leftovers, &store->leftover_capacity,
+                                 store->leftover_count + 1, sizeof *store->leftovers, err);
+    if (st == KL_OK) store->leftovers[store->leftover_count++] = *id;
+    return st;
+}
+
+/* Close the segments of other keys: all of them if `any`, else those that differ in the scene only.
+ */
+static kl_status leave_out_others(struct kl_store *store, bool any, struct kl_err *err)
+{
+    size_t kept = 0;
+    kl_status st = KL_OK;
+
+    for (size_t i = 0; i < store->count; ++i) {
+        struct segment *segment = &store->segments[i];
+        struct kl_store_key key = segment->key;
+        if (!any) memcpy(key.scene, store->key.scene, sizeof key.scene);
+        const bool another = !key_is_equal(&segment->key, &store->key);
+        if (st == KL_OK && another && (any || key_is_equal(&key, &store->key))) {
+            if (segment->id.generation > store->generation) {
+                store->generation = segment->id.generation;
+            }
+            st = add_leftover(store, &segment->id, err);
+            segment_close(segment);
+        } else {
+            store->segments[kept++] = *segment;
+        }
+    }
+    store->count = kept;
+    return st;
+}
+
+static bool has_key(const struct kl_store *store, const struct kl_store_key *key)
+{
+    for (size_t i = 0; i < store->count; ++i) {
+        if (key_is_equal(&store->segments[i].key, key)) return true;
+    }
+    return false;
+}
+
+/* Decide for one key among the segments that are open. */
+static kl_status settle_key(struct kl_store *store, const struct kl_store_key *key,
+                            struct kl_err *err)
+{
+    kl_status st = KL_OK;
+
+    /* Sorted by generation: the last one is the newest. */
+    store->key = key != NULL ? *key : store->segments[store->count - 1].key;
+    if (key == NULL || store->mode == KL_STORE_REVISE) {
+        st = leave_out_others(store, true, err);
+    } else if (has_key(store, key)) {
+        st = leave_out_others(store, false, err);
+    }
+    for (size_t i = 0; i < store->count && st == KL_OK; ++i) {
+        st = check_key(&store->segments[i].key, &store->key, store->segments[i].name, err);
+    }
+    return st;
+}
+
 static bool is_superseded_by(const struct segment *base, const struct segment_id *id)
 {
     for (size_t i = 0; i < base->superseded_count; ++i) {
@@ -208,8 +278,8 @@ static kl_status arrange(struct kl_store *store, struct kl_err *err)
 
     if (st == KL_OK) st = kl_alloc_array(&sorted, store->capacity, sizeof *sorted, err);
     if (st == KL_OK) {
-        st = kl_grow_array(&store->leftovers, &store->leftover_capacity, store->count,
-                           sizeof *store->leftovers, err);
+        st = kl_grow_array(&store->leftovers, &store->leftover_capacity,
+                           store->leftover_count + store->count, sizeof *store->leftovers, err);
     }
     if (st != KL_OK) {
         free(ignored);
@@ -276,10 +346,7 @@ static kl_status load(struct kl_store *store, const struct kl_store_key *key, st
         st = kl_fail(err, KL_ERR_INPUT, "no cache segments in this directory");
     }
     if (st != KL_OK) goto cleanup;
-    store->key = key != NULL ? *key : store->segments[0].key;
-    for (size_t i = 0; i < store->count && st == KL_OK; ++i) {
-        st = check_key(&store->segments[i].key, &store->key, store->segments[i].name, err);
-    }
+    st = settle_key(store, key, err);
     if (st == KL_OK && store->count > 0) st = arrange(store, err);
 
 cleanup:
@@ -370,6 +437,7 @@ void kl_store_close(struct kl_store *store)
     if (store->dir_fd >= 0) close(store->dir_fd);
     free(store->segments);
     free(store->leftovers);
+    free(store->parts);
     free(store);
 }
 
@@ -402,6 +470,30 @@ void kl_store_segment_get(const struct kl_store *store, size_t i,
 void kl_store_key_get(const struct kl_store *store, struct kl_store_key *key)
 {
     *key = store->key;
+}
+
+const kl_part *kl_store_parts_get(const struct kl_store *store, uint32_t *count)
+{
+    for (size_t i = 0; i < store->count; ++i) {
+        *count = store->segments[i].part_count;
+        if (*count > 0) return store->segments[i].parts;
+    }
+    *count = 0;
+    return NULL;
+}
+
+kl_status kl_store_parts_set(struct kl_store *store, const kl_part *parts, uint32_t count,
+                             struct kl_err *err)
+{
+    kl_part *copy = NULL;
+    kl_status st = kl_alloc_array(&copy, count, sizeof *copy, err);
+
+    if (st != KL_OK) return st;
+    if (count > 0) memcpy(copy, parts, count * sizeof *copy);
+    free(store->parts);
+    store->parts = copy;
+    store->part_count = count;
+    return KL_OK;
 }
 
 uint64_t kl_store_generation(const struct kl_store *store)
@@ -486,11 +578,15 @@ kl_status kl_store_append(struct kl_store *store,
     st = kl_grow_array(&store->segments, &store->capacity, store->count + 1,
                        sizeof *store->segments, err);
     if (st != KL_OK) return st;
+    uint32_t known = 0;
+    (void)kl_store_parts_get(store, &known);
     const struct segment_plan plan = {
         .kind = SEGMENT_DELTA,
         .generation = store->generation + 1,
         .key = &store->key,
         .levels = records,
+        .parts = store->parts,
+        .part_count = known > 0 ? 0 : store->part_count,
     };
     st = publish(store, &plan, &store->segments[store->count], err);
     if (st == KL_OK) ++store->count;
@@ -527,6 +623,8 @@ kl_status kl_store_publish_base(struct kl_store *store,
     if (st == KL_OK) st = collect_superseded(store, &old, &old_count, err);
     if (st == KL_OK) st = kl_alloc_array(&list, 16, sizeof *list, err);
     if (st != KL_OK) goto cleanup;
+    uint32_t part_count = store->part_count;
+    const kl_part *parts = part_count > 0 ? store->parts : kl_store_parts_get(store, &part_count);
     const struct segment_plan plan = {
         .kind = SEGMENT_BASE,
         .generation = store->generation + 1,
@@ -534,6 +632,8 @@ kl_status kl_store_publish_base(struct kl_store *store,
         .levels = levels,
         .superseded_count = old_count,
         .superseded = old,
+        .parts = parts,
+        .part_count = part_count,
     };
     st = publish(store, &plan, &list[0], err);
     if (st != KL_OK) goto cleanup;

@@ -11,6 +11,7 @@
 #define KL_CACHE_IO_STORE_H
 
 #include "kernels/cache_data.h"
+#include "kernels/parts.h"
 #include "src/base/status.h"
 
 #include <stdbool.h>
@@ -32,6 +33,8 @@ struct kl_store_key {
 enum kl_store_mode {
     KL_STORE_READ,    /* nothing is written; the directory must exist */
     KL_STORE_EXTEND,  /* created where absent */
+    KL_STORE_REVISE,  /* as EXTEND; segments of another key are left out, until the next base that
+                       * this store publishes supersedes them */
     KL_STORE_REBUILD, /* as EXTEND; segments there are removed first, whatever their key */
 };
 
@@ -42,8 +45,10 @@ struct kl_store_segment_info {
     uint32_t records[KL_CACHE_LEVELS];
 };
 
-/* Open or create `dir`. `key` NULL (READ only): take the key of what is there. KL_ERR_STALE: the
- * directory belongs to another key; the message says which part differs. KL_ERR_CORRUPT only where
+/* Open or create `dir`. `key` NULL (READ only): take the key of the newest segment, leave out those
+ * of other keys. KL_ERR_STALE: the directory belongs to another key; the message says which part
+ * differs. Where some segments are of the key and others only of another scene, the others are left
+ * out: two editions of a scene share the directory. KL_ERR_CORRUPT only where
  * nothing is usable; otherwise damaged segments are left out and counted in kl_store_damaged.
  * KL_ERR_VERSION: written by another major version. *out is the caller's: kl_store_close. */
 kl_status kl_store_open(const char *dir, enum kl_store_mode mode, const struct kl_store_key *key,
@@ -57,6 +62,13 @@ void kl_store_segment_get(const struct kl_store *store, size_t i,
                           struct kl_store_segment_info *info,
                           struct kl_level_arrays levels[KL_CACHE_LEVELS]);
 void kl_store_key_get(const struct kl_store *store, struct kl_store_key *key);
+/* The parts of the scene that the segments were made for, borrowed until the store changes; NULL
+ * and 0 where no segment lists them. */
+const kl_part *kl_store_parts_get(const struct kl_store *store, uint32_t *count);
+/* Parts to write: in every base, and in the first other segment of a directory that has none yet.
+ * Copied. */
+kl_status kl_store_parts_set(struct kl_store *store, const kl_part *parts, uint32_t count,
+                             struct kl_err *err) KL_MUST_CHECK;
 uint64_t kl_store_generation(const struct kl_store *store); /* +1 per published segment */
 uint64_t kl_store_bytes(const struct kl_store *store);
 /* Number of segments left out because they are damaged; text of the first complaint. */

@@ -112,3 +112,32 @@ kl_status level_validate(const struct kl_level_arrays *level, struct kl_err *err
     if (level->octree.record_count == 0) return KL_OK;
     return check_octree(level, err);
 }
+
+static bool part_is_valid(const kl_part *part)
+{
+    bool ok =
+        part->kind < KL_PART_KINDS && part->pad == 0 && part->label[KL_PART_LABEL - 1] == '\0';
+
+    for (int k = 0; k < 3; ++k) {
+        ok = ok && isfinite(part->box_min[k]) && isfinite(part->box_max[k]) &&
+             part->box_min[k] <= part->box_max[k];
+    }
+    for (const char *c = part->label; ok && *c != '\0'; ++c) {
+        ok = (unsigned char)*c >= 32; /* it is printed */
+    }
+    return ok;
+}
+
+kl_status parts_validate(const kl_part *parts, uint32_t count, struct kl_err *err)
+{
+    if (count > KL_PARTS_MAX) {
+        return kl_fail(err, KL_ERR_CORRUPT, "%u parts of the scene, at most %u", count,
+                       KL_PARTS_MAX);
+    }
+    for (uint32_t i = 0; i < count; ++i) {
+        if (!part_is_valid(&parts[i])) {
+            return kl_fail(err, KL_ERR_CORRUPT, "part %u of the scene is not sound", i);
+        }
+    }
+    return KL_OK;
+}

@@ -4,8 +4,10 @@
 #include "src/base/hash.h"
 #include "src/base/memory.h"
 #include "src/render/gatherer.h"
+#include "src/render/stale.h"
 #include "src/scene/digest.h"
 #include "src/scene/flat.h"
+#include "src/scene/parts.h"
 #include "src/trace/tracer.h"
 
 #include <math.h>
@@ -32,6 +34,7 @@ struct kl_renderer {
     double origin[3];
     float accuracy[KL_CACHE_LEVELS];
     struct kl_flat *flat;
+    struct kl_scene_parts parts;
     struct kl_tracer *tracer;
     struct kl_gatherer *gatherer;
     struct kl_gather_tables *tables[KL_CACHE_LEVELS];
@@ -114,6 +117,7 @@ static void leave_instant(struct kl_renderer *r)
     close_cache(r);
     kl_gatherer_destroy(r->gatherer);
     kl_tracer_destroy(r->tracer);
+    kl_parts_fini(&r->parts);
     kl_flat_destroy(r->flat);
     r->gatherer = NULL;
     r->tracer = NULL;
@@ -136,6 +140,19 @@ bool kl_renderer_is_moving(const struct kl_renderer *renderer)
     return renderer->moving;
 }
 
+/* What the scene is made of, and how records are gathered in it. */
+static kl_status make_parts(struct kl_renderer *r, const struct kl_pose *pose, struct kl_err *err)
+{
+    const uint32_t side = r->tables[0]->side;
+    char label[KL_PART_LABEL];
+    kl_status st = kl_parts_init(r->scene, pose, r->flat, &r->parts, err);
+
+    if (st != KL_OK) return st;
+    (void)snprintf(label, sizeof label, "%u rays, version %u", side * side, algorithm_version);
+    kl_parts_add_settings(&r->parts, label);
+    return KL_OK;
+}
+
 kl_status kl_renderer_set_time(struct kl_renderer *renderer, double time, struct kl_err *err)
 {
     struct kl_renderer *r = renderer;
@@ -146,6 +163,7 @@ kl_status kl_renderer_set_time(struct kl_renderer *renderer, double time, struct
     leave_instant(r);
     st = kl_pose_create(r->scene, r->settings.animation, r->moving ? time : 0.0, &pose, err);
     if (st == KL_OK) st = kl_flat_create(r->scene, pose, r->origin, &r->flat, err);
+    if (st == KL_OK) st = make_parts(r, pose, err);
     if (st == KL_OK) st = kl_tracer_create(r->flat, &r->tracer, err);
     if (st == KL_OK && r->settings.indirect == KL_INDIRECT_CACHE) {
         st = kl_gatherer_create(r->settings.device, r->flat, &r->gatherer, err);
@@ -259,6 +277,11 @@ kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
     memcpy(key.origin, r->origin, sizeof key.origin);
     store_path(r, dir, path, sizeof path);
     st = kl_store_open(path, mode, &key, &r->store, err);
+    if (st == KL_ERR_STALE) {
+        const struct kl_stale_query query = {path, &key, &r->parts};
+        return kl_stale_explain(&query, err);
+    }
+    if (st == KL_OK) st = kl_store_parts_set(r->store, r->parts.items, r->parts.count, err);
     return st == KL_OK ? adopt_store(r, err) : st;
 }
 

@@ -4,6 +4,7 @@
 #include "src/base/hash.h"
 
 #include <dirent.h>
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -247,6 +248,120 @@ static void superseded_leftovers_are_ignored_and_removed_later(void **state) /* 
     assert_int_equal(kl_store_segment_count(store), 1);
     assert_int_equal(kl_store_damaged(store, NULL), 1);
     kl_store_close(store);
+}
+
+static void make_parts(kl_part parts[2])
+{
+    memset(parts, 0, 2 * sizeof *parts);
+    parts[0].name[0] = 5;
+    parts[0].box_max[1] = 2.0f;
+    strcpy(parts[0].label, "ball");
+    parts[1].kind = KL_PART_SETTINGS;
+    strcpy(parts[1].label, "64 rays");
+}
+
+static void check_parts(const struct fixture *f, const kl_part *wanted)
+{
+    struct kl_store *store = NULL;
+    struct kl_err err;
+    uint32_t count = 99;
+
+    assert_int_equal(kl_store_open(f->dir, KL_STORE_READ, NULL, &store, &err), KL_OK);
+    const kl_part *found = kl_store_parts_get(store, &count);
+    assert_int_equal(count, 2);
+    assert_memory_equal(found, wanted, 2 * sizeof *wanted);
+    kl_store_close(store);
+}
+
+/* The parts of the scene come with the first segment, once, and with every base; who opens a cache
+ * without knowing the scene hands them on. */
+static void parts_are_kept(void **state)
+{
+    struct fixture *f = *state;
+    struct kl_err err;
+    kl_part parts[2];
+    uint32_t count = 99;
+    struct kl_store *store = open_store(f, KL_STORE_EXTEND);
+
+    make_parts(parts);
+    assert_null(kl_store_parts_get(store, &count));
+    assert_int_equal(count, 0);
+    assert_int_equal(kl_store_parts_set(store, parts, 2, &err), KL_OK);
+    assert_int_equal(kl_store_append(store, f->batch.levels, &err), KL_OK);
+    check_parts(f, parts);
+    const uint64_t first = kl_store_bytes(store);
+    make_batch(&f->batch, 100.0f);
+    assert_int_equal(kl_store_append(store, f->batch.levels, &err), KL_OK);
+    assert_true(kl_store_bytes(store) - first < first);
+    kl_store_close(store);
+
+    store = open_store(f, KL_STORE_EXTEND);
+    assert_int_equal(kl_store_publish_base(store, f->batch.levels, &err), KL_OK);
+    assert_int_equal(kl_store_segment_count(store), 1);
+    kl_store_close(store);
+    check_parts(f, parts);
+}
+
+static void unsound_parts_are_refused(void **state)
+{
+    struct kl_err err;
+    kl_part parts[2];
+    (void)state;
+
+    make_parts(parts);
+    assert_int_equal(parts_validate(parts, 2, &err), KL_OK);
+    assert_int_equal(parts_validate(parts, KL_PARTS_MAX + 1, &err), KL_ERR_CORRUPT);
+    parts[1].kind = KL_PART_KINDS;
+    assert_int_equal(parts_validate(parts, 2, &err), KL_ERR_CORRUPT);
+    make_parts(parts);
+    parts[0].box_min[0] = NAN;
+    assert_int_equal(parts_validate(parts, 2, &err), KL_ERR_CORRUPT);
+    make_parts(parts);
+    parts[0].box_min[1] = 3.0f;
+    assert_int_equal(parts_validate(parts, 2, &err), KL_ERR_CORRUPT);
+    make_parts(parts);
+    memset(parts[0].label, 'x', sizeof parts[0].label);
+    assert_int_equal(parts_validate(parts, 2, &err), KL_ERR_CORRUPT);
+    make_parts(parts);
+    parts[0].label[1] = '\n';
+    assert_int_equal(parts_validate(parts, 2, &err), KL_ERR_CORRUPT);
+}
+
+/* A revision takes nothing from another edition of the scene and replaces it with its first base;
+ * until then both editions lie there, and each reader finds its own. */
+static void two_editions_share_a_directory(void **state)
+{
+    struct fixture *f = *state;
+    struct kl_store_key edited = f->key;
+    struct kl_store *store = open_store(f, KL_STORE_EXTEND);
+    struct kl_store *other = NULL;
+    struct kl_err err;
+
+    assert_int_equal(kl_store_append(store, f->batch.levels, &err), KL_OK);
+    kl_store_close(store);
+    edited.scene[0] ^= 1;
+    assert_int_equal(kl_store_open(f->dir, KL_STORE_EXTEND, &edited, &other, &err), KL_ERR_STALE);
+    assert_int_equal(kl_store_open(f->dir, KL_STORE_REVISE, &edited, &other, &err), KL_OK);
+    assert_int_equal(kl_store_segment_count(other), 0);
+    assert_int_equal(kl_store_append(other, f->batch.levels, &err), KL_OK);
+    assert_int_equal(for_each_file(f->dir, false), 2);
+    store = open_store(f, KL_STORE_READ);
+    assert_int_equal(kl_store_segment_count(store), 1);
+    kl_store_close(store);
+    assert_int_equal(kl_store_open(f->dir, KL_STORE_READ, NULL, &store, &err), KL_OK);
+    struct kl_store_key newest;
+    kl_store_key_get(store, &newest);
+    assert_memory_equal(&newest, &edited, sizeof edited);
+    assert_int_equal(kl_store_segment_count(store), 1);
+    kl_store_close(store);
+    assert_int_equal(kl_store_publish_base(other, f->batch.levels, &err), KL_OK);
+    kl_store_close(other);
+    assert_int_equal(for_each_file(f->dir, false), 1);
+    assert_int_equal(kl_store_open(f->dir, KL_STORE_READ, &f->key, &store, &err), KL_ERR_STALE);
+
+    /* Other settings stay a reason to refuse everything. */
+    edited.settings[0] ^= 1;
+    assert_int_equal(kl_store_open(f->dir, KL_STORE_EXTEND, &edited, &store, &err), KL_ERR_STALE);
 }
 
 static void another_key_is_refused(void **state)
@@ -512,6 +627,9 @@ int main(void)
         TEST(batches_come_back),
         TEST(a_base_replaces_what_it_was_made_from),
         TEST(superseded_leftovers_are_ignored_and_removed_later),
+        TEST(parts_are_kept),
+        TEST(unsound_parts_are_refused),
+        TEST(two_editions_share_a_directory),
         TEST(another_key_is_refused),
         TEST(missing_and_empty_directories),
         TEST(foreign_files_are_ignored),
