@@ -13,6 +13,7 @@ kl_status kl_command_devices(const struct kl_options *options, struct kl_err *er
 kl_status kl_command_cache_info(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_cache_check(const struct kl_options *options,
                                  struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_command_flicker(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_sheet(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 
 #endif

@@ -46,6 +46,10 @@ enum option_id {
     OPT_COLUMNS,
     OPT_REDUCE,
     OPT_EXPOSURE,
+    OPT_REFERENCE,
+    OPT_LAYER,
+    OPT_PLOT,
+    OPT_HEAT,
 };
 
 #define TEXT(name, id, help, value)                                                                \
@@ -127,11 +131,21 @@ static const struct poptOption sheet_options[] = {
     HELP,
     POPT_TABLEEND,
 };
+static const struct poptOption flicker_options[] = {
+    TEXT("reference", OPT_REFERENCE, "The same frames of a reference: a pattern, or the files",
+         "FRAMES"),
+    TEXT("layer", OPT_LAYER, "Layer to measure (default: irradiance, without it beauty)", "NAME"),
+    JSON,
+    TEXT("plot", OPT_PLOT, "Plot the change from frame to frame (gnuplot)", "FILE.svg|png"),
+    TEXT("heat", OPT_HEAT, "Draw the flicker in the last frame: white is 2 %", "FILE.png"),
+    HELP,
+    POPT_TABLEEND,
+};
 
 static const struct poptOption *const option_sets[] = {
     [KL_OPTIONS_RENDER] = render_options,   [KL_OPTIONS_SCENE] = scene_options,
     [KL_OPTIONS_COMPARE] = compare_options, [KL_OPTIONS_JSON] = json_options,
-    [KL_OPTIONS_SHEET] = sheet_options,
+    [KL_OPTIONS_SHEET] = sheet_options,     [KL_OPTIONS_FLICKER] = flicker_options,
 };
 
 /* The names before the synonyms: kl_cache_mode_name takes the first. */
@@ -288,6 +302,14 @@ static kl_status set_option(struct kl_options *o, int id, const char *text, stru
         return set_text(&o->report, text, err);
     case OPT_DIFF:
         return set_text(&o->diff, text, err);
+    case OPT_REFERENCE:
+        return set_text(&o->reference, text, err);
+    case OPT_LAYER:
+        return set_text(&o->layer, text, err);
+    case OPT_PLOT:
+        return set_text(&o->plot, text, err);
+    case OPT_HEAT:
+        return set_text(&o->heat, text, err);
     case OPT_INDIRECT:
     case OPT_CACHE_MODE:
     case OPT_PROGRESS:
@@ -352,8 +374,26 @@ static kl_status add_argument(struct kl_options *o, size_t *capacity, const char
     return st;
 }
 
+static void move_last_argument_to_front(struct kl_options *o)
+{
+    const size_t last = o->argument_count - 1;
+    char *argument = o->arguments[last];
+
+    memmove(o->arguments + 1, o->arguments, last * sizeof *o->arguments);
+    o->arguments[0] = argument;
+    ++o->reference_at;
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    const size_t n = strlen(text);
+    const size_t m = strlen(end);
+
+    return n >= m && strcmp(text + n - m, end) == 0;
+}
+
 /* "--json SCENE.glb": popt takes the word after an option with an optional value. Where a
- * positional argument is missing, or the word is a cache folder, it was meant as an argument. */
+ * positional argument is missing, or the word is an image, it was meant as an argument. */
 static kl_status settle_arguments(struct kl_options *o, poptContext con, size_t least,
                                   struct kl_err *err)
 {
@@ -365,12 +405,25 @@ static kl_status settle_arguments(struct kl_options *o, poptContext con, size_t 
         if (strcmp(text, "-") == 0 && o->json) continue;
         st = add_argument(o, &capacity, text, err);
     }
-    if (st == KL_OK && o->json_file != NULL && o->argument_count < least) {
+    if (st == KL_OK && o->json_file != NULL &&
+        (o->argument_count < least || ends_with(o->json_file, ".exr"))) {
         st = add_argument(o, &capacity, o->json_file, err);
+        if (st == KL_OK) move_last_argument_to_front(o);
         free(o->json_file);
         o->json_file = NULL;
     }
     return st;
+}
+
+static size_t count_arguments(poptContext con)
+{
+    const char **arguments = poptGetArgs(con);
+    size_t n = 0;
+
+    while (arguments != NULL && arguments[n] != NULL) {
+        ++n;
+    }
+    return n;
 }
 
 static kl_status read_options(struct kl_options *o, poptContext con, struct kl_err *err)
@@ -380,6 +433,7 @@ static kl_status read_options(struct kl_options *o, poptContext con, struct kl_e
 
     while (st == KL_OK && (id = poptGetNextOpt(con)) > 0) {
         char *text = poptGetOptArg(con);
+        if (id == OPT_REFERENCE) o->reference_at = count_arguments(con);
         st = set_option(o, id, text, err);
         free(text);
     }
@@ -436,9 +490,10 @@ kl_status kl_options_parse(int argc, const char **argv, const struct kl_option_u
 void kl_options_fini(struct kl_options *options)
 {
     struct kl_options *o = options;
-    char *const texts[] = {o->command_line, o->env,       o->animation, o->camera, o->path,
-                           o->cache,        o->device,    o->preset,    o->out,    o->aov,
-                           o->report,       o->json_file, o->diff};
+    char *const texts[] = {o->command_line, o->env,       o->animation, o->camera,    o->path,
+                           o->cache,        o->device,    o->preset,    o->out,       o->aov,
+                           o->report,       o->json_file, o->diff,      o->reference, o->layer,
+                           o->plot,         o->heat};
 
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; ++i) {
         free(texts[i]);

@@ -61,6 +61,8 @@ struct kl_options {
 
     bool json; /* --json was given; without a file: to stdout */
     char *json_file, *diff;
+    char *reference, *layer, *plot, *heat;
+    size_t reference_at;         /* arguments that came before --reference */
     double mask_above, exposure; /* [nit], 0: no mask; [stops] */
     uint32_t columns, reduce;
 };
@@ -71,6 +73,7 @@ enum kl_option_set {
     KL_OPTIONS_COMPARE,
     KL_OPTIONS_JSON,
     KL_OPTIONS_SHEET,
+    KL_OPTIONS_FLICKER,
 };
 
 /* What one command takes. */

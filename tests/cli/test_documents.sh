@@ -1,6 +1,6 @@
 # Every option is in docs/cli.md, every status in docs/errors.md.
 . "$ROOT/tests/cli/lib.sh"
-for command in render bake "cache info" "cache check" compare scene devices sheet; do
+for command in render bake "cache info" "cache check" compare flicker scene devices sheet; do
     # shellcheck disable=SC2086 # two words
     kl $command --help
 done | grep -o -- '--[a-z][a-z-]*' | sort -u >options
