@@ -1,8 +1,28 @@
 #include "cache_io/format_impl.h"
 
 #include <inttypes.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
+
+const struct record_array record_arrays[RECORD_ARRAYS] = {
+    {SECTION_HOT, sizeof(kl_record_hot), offsetof(struct kl_level_arrays, hot)},
+    {SECTION_COLD, sizeof(kl_record_cold), offsetof(struct kl_level_arrays, cold)},
+};
+
+const void *record_array_get(const struct kl_level_arrays *level, const struct record_array *array)
+{
+    const void *items = NULL;
+
+    memcpy(&items, (const char *)level + array->at, sizeof items);
+    return items;
+}
+
+void record_array_set(struct kl_level_arrays *level, const struct record_array *array,
+                      const void *items)
+{
+    memcpy((char *)level + array->at, &items, sizeof items);
+}
 
 uint32_t read_u16(const unsigned char *p)
 {
@@ -84,6 +104,22 @@ void segment_id_format(const struct segment_id *id, char name[SEGMENT_NAME_SIZE]
 bool segment_id_is_equal(const struct segment_id *a, const struct segment_id *b)
 {
     return a->kind == b->kind && a->generation == b->generation && a->hash == b->hash;
+}
+
+int segment_id_compare(const void *a, const void *b)
+{
+    const struct segment_id *x = a;
+    const struct segment_id *y = b;
+
+    if (x->generation != y->generation) return x->generation < y->generation ? -1 : 1;
+    if (x->kind != y->kind) return x->kind < y->kind ? -1 : 1;
+    return (x->hash > y->hash) - (x->hash < y->hash);
+}
+
+bool segment_is_temp(const char *name)
+{
+    return name[0] == '.' && (name[1] == 'b' || name[1] == 'd') && name[2] == '-' &&
+           strstr(name, ".kls.tmp-") != NULL;
 }
 
 struct segment_id segment_superseded_get(const struct segment *segment, size_t i)

@@ -11,11 +11,13 @@
 #define KL_SEGMENT_MAGIC "\x89KLS\r\n\x1a\n"
 
 enum {
-    SEGMENT_MAJOR = 1,
+    SEGMENT_MAJOR = 2,
     SEGMENT_MINOR = 0,
     SEGMENT_FEATURES = 0, /* all that we know */
     SEGMENT_MAX_SECTIONS = 64,
     SEGMENT_ALIGN = 64,
+    SEGMENT_BLOCK_RECORDS = 1024, /* records that share a checksum in each of their arrays */
+    SEGMENT_BLOCK_BYTES = 65536,  /* bytes that share a checksum in every other section */
 
     HDR_MAGIC = 0,
     HDR_MAJOR = 8,
@@ -30,14 +32,16 @@ enum {
     HDR_ORIGIN = 72,
     HDR_PROGRAM = 96,
     HDR_PROGRAM_SIZE = 32,
-    HDR_TABLE = 128,
+    HDR_BLOCKS = 128,
+    HDR_TABLE = 192,
 
     SEC_TYPE = 0,
     SEC_LEVEL = 4,
     SEC_OFFSET = 8,
     SEC_BYTES = 16,
     SEC_COUNT = 24,
-    SEC_CHECKSUM = 32,
+    SEC_FIRST_BLOCK = 32,
+    SEC_BLOCK_BYTES = 40,
     SEC_SIZE = 48,
 
     OLD_KIND = 0,
@@ -45,7 +49,8 @@ enum {
     OLD_HASH = 16,
     OLD_SIZE = 24,
 
-    HDR_MIN_SIZE = HDR_TABLE + 8,
+    HDR_END = 16, /* size of the header, checksum: its last bytes, and the last of the file */
+    HDR_MIN_SIZE = HDR_TABLE + HDR_END,
 };
 
 enum segment_kind { SEGMENT_BASE = 1, SEGMENT_DELTA = 2 };
@@ -61,6 +66,18 @@ enum section_type {
     SECTION_TYPES = 8,
 };
 
+/* The arrays of a level that have one item a record, in the order of the file. */
+enum { RECORD_ARRAYS = 2 };
+struct record_array {
+    enum section_type type;
+    size_t item; /* bytes of an item */
+    size_t at;   /* offset of its pointer in struct kl_level_arrays */
+};
+extern const struct record_array record_arrays[RECORD_ARRAYS];
+const void *record_array_get(const struct kl_level_arrays *level, const struct record_array *array);
+void record_array_set(struct kl_level_arrays *level, const struct record_array *array,
+                      const void *items);
+
 /* What a file name says. */
 struct segment_id {
     uint32_t kind; /* enum segment_kind */
@@ -74,31 +91,44 @@ enum { SEGMENT_NAME_SIZE = 64 };
 bool segment_id_parse(const char *name, struct segment_id *id);
 void segment_id_format(const struct segment_id *id, char name[SEGMENT_NAME_SIZE]);
 bool segment_id_is_equal(const struct segment_id *a, const struct segment_id *b);
+/* By generation, kind and hash: the reading order. For qsort and bsearch. */
+int segment_id_compare(const void *a, const void *b);
+/* `.b-....kls.tmp-PID` of a writer. */
+bool segment_is_temp(const char *name);
 
-/* A segment in memory that was found valid. Arrays point into `data`. */
+/* A segment in memory whose header was found valid. Arrays point into `data`, or, where blocks were
+ * left out, into `salvaged`. */
 struct segment {
     struct segment_id id;
     struct kl_store_key key;
     char name[SEGMENT_NAME_SIZE];
+    char program[HDR_PROGRAM_SIZE + 1];
     const unsigned char *data;
-    size_t size;
+    size_t size; /* of the file */
     struct kl_level_arrays levels[KL_CACHE_LEVELS];
+    void *salvaged[KL_CACHE_LEVELS][RECORD_ARRAYS];
     const unsigned char *superseded; /* OLD_SIZE bytes each */
     size_t superseded_count;
     const kl_part *parts; /* of the scene; NULL: not in this segment */
     uint32_t part_count;
+    struct kl_store_damage damage;
 };
 
 struct segment_id segment_superseded_get(const struct segment *segment, size_t i);
 
 /* Check bytes (64-byte aligned) against section 4 of the format; they must outlive *out. `id`: what
- * the name says, NULL: whatever the header says. `trust`: skip checksums, for fuzzing.
- * KL_ERR_CORRUPT, KL_ERR_VERSION. */
+ * the name says, NULL: whatever the header says. `trust`: skip checksums, for fuzzing. Bad blocks
+ * are left out and counted in out->damage. After KL_OK: segment_fini. KL_ERR_CORRUPT: nothing of it
+ * can be used; KL_ERR_VERSION. */
 kl_status segment_parse(const void *data, size_t size, const struct segment_id *id, bool trust,
                         struct segment *out, struct kl_err *err) KL_MUST_CHECK;
+void segment_fini(struct segment *segment);
 /* Map and parse a file. os_error ENOENT: it is gone. After KL_OK: segment_close. */
 kl_status segment_open(int dir_fd, const char *name, struct segment *out,
                        struct kl_err *err) KL_MUST_CHECK;
+/* The same for an open file, which stays the caller's. */
+kl_status segment_map(int fd, const struct segment_id *id, struct segment *out,
+                      struct kl_err *err) KL_MUST_CHECK;
 void segment_close(struct segment *segment);
 
 /* What is to be written. */
@@ -113,14 +143,16 @@ struct segment_plan {
     uint32_t part_count;
 };
 
-/* Publish by section 5; *id is the new segment's. */
-kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segment_id *id,
+/* Publish by section 5. *out: the new segment, mapped and verified before anyone could see it. */
+kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segment *out,
                         struct kl_err *err) KL_MUST_CHECK;
 
-/* Items 6 and 7 of section 4 for one level. */
+/* Records [first, last) of a level are sound. */
+bool records_are_valid(const struct kl_level_arrays *level, uint32_t first, uint32_t last);
 /* The list of a scene's parts. */
 kl_status parts_validate(const kl_part *parts, uint32_t count, struct kl_err *err) KL_MUST_CHECK;
-kl_status level_validate(const struct kl_level_arrays *level, struct kl_err *err) KL_MUST_CHECK;
+/* The octree's arrays lead nowhere else: section 4, item 8. */
+kl_status octree_validate(const struct kl_level_arrays *level, struct kl_err *err) KL_MUST_CHECK;
 
 uint64_t read_u64(const unsigned char *p);
 uint32_t read_u32(const unsigned char *p);

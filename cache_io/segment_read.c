@@ -1,238 +1,301 @@
-#include "cache_io/format_impl.h"
+#include "cache_io/segment_head_impl.h"
+#include "src/base/file.h"
+#include "src/base/file_calls.h"
 #include "src/base/hash.h"
+#include "src/base/memory.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
-#include <math.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
-static const size_t item_sizes[SECTION_TYPES] = {
-    [SECTION_HOT] = sizeof(kl_record_hot),
-    [SECTION_COLD] = sizeof(kl_record_cold),
-    [SECTION_OCTREE] = sizeof(kl_octree_header),
-    [SECTION_SLOTS] = sizeof(kl_octree_slot),
-    [SECTION_ROWS] = sizeof(kl_u32),
-    [SECTION_SUPERSEDED] = OLD_SIZE,
-    [SECTION_PARTS] = sizeof(kl_part),
+/* Blocks of a small segment are not worth a team of threads. */
+enum { PARALLEL_BLOCKS = 64 };
+
+struct reader {
+    const unsigned char *data;
+    size_t size;
+    bool trust;
+    struct segment_head head;
+    struct segment_table table;
 };
 
-struct section {
-    const unsigned char *data; /* NULL: absent */
-    uint64_t count;
-};
-
-struct table {
-    struct section at[SECTION_TYPES][KL_CACHE_LEVELS];
-};
-
-static size_t header_size(const unsigned char *data)
+/* The one place that verifies content against checksums. */
+static bool block_is_intact(const struct reader *r, const struct segment_section *section,
+                            uint64_t block)
 {
-    return HDR_TABLE + (size_t)read_u32(data + HDR_SECTIONS) * SEC_SIZE + 8;
+    const uint64_t start = block * section->block_bytes;
+    const uint64_t left = section->bytes - start;
+    const uint64_t bytes = left < section->block_bytes ? left : section->block_bytes;
+    const uint64_t offset = section->offset + start;
+
+    if (offset > r->size || bytes > r->size - offset) return false; /* cut off */
+    if (r->trust) return true;
+    return kl_hash_block(r->data + offset, (size_t)bytes) ==
+           read_u64(r->head.checksums + (section->first_block + block) * 8);
 }
 
-static kl_status check_start(const unsigned char *data, size_t size, struct kl_err *err)
+static uint64_t block_count_of(const struct segment_section *section)
 {
-    if (size < HDR_MIN_SIZE) {
-        return kl_fail(err, KL_ERR_CORRUPT, "%zu bytes are less than a header", size);
-    }
-    if (memcmp(data + HDR_MAGIC, KL_SEGMENT_MAGIC, 8) != 0) {
-        return kl_fail(err, KL_ERR_CORRUPT, "not a cache segment (magic)");
-    }
-    if (read_u16(data + HDR_MAJOR) != SEGMENT_MAJOR) {
-        return kl_fail(err, KL_ERR_VERSION, "format version %u, this program reads %d",
-                       read_u16(data + HDR_MAJOR), SEGMENT_MAJOR);
-    }
-    return KL_OK;
+    return (section->bytes + section->block_bytes - 1) / section->block_bytes;
 }
 
-static kl_status check_header(const unsigned char *data, size_t size, const struct segment_id *id,
-                              bool trust, struct segment *out, struct kl_err *err)
+/* Number of bad blocks of a section. */
+static uint64_t count_bad(const struct reader *r, const struct segment_section *section)
 {
-    const uint32_t sections = read_u32(data + HDR_SECTIONS);
+    const int64_t blocks = section->offset != 0 ? (int64_t)block_count_of(section) : 0;
+    uint64_t bad = 0;
 
-    if (sections > SEGMENT_MAX_SECTIONS || header_size(data) > size) {
-        return kl_fail(err, KL_ERR_CORRUPT, "%u sections in %zu bytes", sections, size);
+#pragma omp parallel for schedule(dynamic, 16) reduction(+ : bad) if (blocks >= PARALLEL_BLOCKS)
+    for (int64_t i = 0; i < blocks; ++i) {
+        bad += !block_is_intact(r, section, (uint64_t)i);
     }
-    const size_t covered = header_size(data) - 8;
-    out->id.hash = read_u64(data + covered);
-    if (!trust && kl_hash_block(data, covered) != out->id.hash) {
-        return kl_fail(err, KL_ERR_CORRUPT, "header checksum does not match");
-    }
-    if ((read_u32(data + HDR_REQUIRED) & ~(uint32_t)SEGMENT_FEATURES) != 0) {
-        return kl_fail(err, KL_ERR_VERSION, "needs features 0x%x, which this program does not know",
-                       read_u32(data + HDR_REQUIRED));
-    }
-    out->id.kind = read_u32(data + HDR_KIND);
-    out->id.generation = read_u64(data + HDR_GENERATION);
-    if (read_u64(data + HDR_FILE_SIZE) != size) {
-        return kl_fail(err, KL_ERR_CORRUPT, "%zu bytes, the header says %" PRIu64, size,
-                       read_u64(data + HDR_FILE_SIZE));
-    }
-    if (out->id.kind != SEGMENT_BASE && out->id.kind != SEGMENT_DELTA) {
-        return kl_fail(err, KL_ERR_CORRUPT, "unknown kind %u", out->id.kind);
-    }
-    if (out->id.generation > INT64_MAX || (id != NULL && !segment_id_is_equal(id, &out->id))) {
-        return kl_fail(err, KL_ERR_CORRUPT, "the header is of another file name");
-    }
-    memcpy(out->key.scene, data + HDR_SCENE, KL_DIGEST_SIZE);
-    memcpy(out->key.settings, data + HDR_SETTINGS, KL_DIGEST_SIZE);
-    memcpy(out->key.origin, data + HDR_ORIGIN, sizeof out->key.origin);
-    for (int i = 0; i < 3; ++i) {
-        if (!isfinite(out->key.origin[i])) return kl_fail(err, KL_ERR_CORRUPT, "origin not finite");
-    }
-    return KL_OK;
-}
-
-/* The one place that verifies the content of sections against their checksums. */
-static bool section_is_intact(const unsigned char *entry, const unsigned char *data)
-{
-    return kl_hash_block(data, (size_t)read_u64(entry + SEC_BYTES)) ==
-           read_u64(entry + SEC_CHECKSUM);
-}
-
-static kl_status read_section(const struct segment *segment, const unsigned char *entry, bool trust,
-                              struct table *table, struct kl_err *err)
-{
-    const uint32_t type = read_u32(entry + SEC_TYPE);
-    const uint32_t level = read_u32(entry + SEC_LEVEL);
-    const uint64_t offset = read_u64(entry + SEC_OFFSET);
-    const uint64_t bytes = read_u64(entry + SEC_BYTES);
-    const uint64_t count = read_u64(entry + SEC_COUNT);
-
-    if (type == 0 || type >= SECTION_TYPES) return KL_OK; /* of a newer minor version */
-    if (level >= KL_CACHE_LEVELS || offset % SEGMENT_ALIGN != 0 ||
-        offset < header_size(segment->data) || offset > segment->size ||
-        bytes > segment->size - offset || count > UINT32_MAX || bytes != count * item_sizes[type]) {
-        return kl_fail(err, KL_ERR_CORRUPT, "section %u of level %u does not fit", type, level);
-    }
-    struct section *section = &table->at[type][level];
-    if (section->data != NULL) {
-        return kl_fail(err, KL_ERR_CORRUPT, "section %u of level %u twice", type, level);
-    }
-    section->data = segment->data + offset;
-    section->count = count;
-    if (!trust && !section_is_intact(entry, section->data)) {
-        return kl_fail(err, KL_ERR_CORRUPT, "section %u of level %u: checksum does not match", type,
-                       level);
-    }
-    return KL_OK;
+    return bad;
 }
 
 /* A mapped section as an array: its offset is a multiple of 64. */
-static const void *array_get(const struct section *section)
+static const void *array_get(const struct reader *r, const struct segment_section *section)
 {
-    return section->data;
+    return section->offset < r->size ? r->data + section->offset : NULL;
 }
 
-static kl_status take_level(const struct table *table, uint32_t l, uint32_t kind,
-                            struct kl_level_arrays *level, struct kl_err *err)
+/* good[b] = 1 where block b of all arrays is intact and its records are sound; returns how many are
+ * not. */
+static uint64_t verify_records(const struct reader *r, const struct kl_level_arrays *level,
+                               uint32_t l, uint8_t *good, int64_t blocks)
 {
-    const struct section *hot = &table->at[SECTION_HOT][l];
-    const struct section *cold = &table->at[SECTION_COLD][l];
-    const struct section *octree = &table->at[SECTION_OCTREE][l];
-    const struct section *slots = &table->at[SECTION_SLOTS][l];
-    const struct section *rows = &table->at[SECTION_ROWS][l];
+    const uint32_t n = level->record_count;
+    uint64_t bad = 0;
 
-    memset(level, 0, sizeof *level);
-    if (hot->count != cold->count) {
-        return kl_fail(err, KL_ERR_CORRUPT, "%" PRIu64 " hot and %" PRIu64 " cold records",
-                       hot->count, cold->count);
+#pragma omp parallel for schedule(dynamic, 4) reduction(+ : bad) if (blocks >= PARALLEL_BLOCKS)
+    for (int64_t b = 0; b < blocks; ++b) {
+        const uint32_t first = (uint32_t)b * SEGMENT_BLOCK_RECORDS;
+        const uint32_t last = n - first < SEGMENT_BLOCK_RECORDS ? n : first + SEGMENT_BLOCK_RECORDS;
+        bool ok = true;
+        for (size_t a = 0; a < RECORD_ARRAYS; ++a) {
+            ok = block_is_intact(r, &r->table.at[record_arrays[a].type][l], (uint64_t)b) && ok;
+        }
+        good[b] = ok && records_are_valid(level, first, last);
+        bad += !good[b];
     }
-    level->record_count = (uint32_t)hot->count;
-    level->hot = array_get(hot);
-    level->cold = array_get(cold);
-    if (octree->data == NULL && slots->data == NULL && rows->data == NULL) return KL_OK;
-    if (kind != SEGMENT_BASE || octree->count != 1 || slots->data == NULL || rows->data == NULL) {
+    return bad;
+}
+
+/* Copies of the good blocks take the place of the mapped arrays. */
+static kl_status salvage(struct segment *out, uint32_t l, const uint8_t *good, int64_t blocks,
+                         struct kl_err *err)
+{
+    struct kl_level_arrays *level = &out->levels[l];
+    const uint32_t n = level->record_count;
+    uint32_t kept = 0;
+
+    for (int64_t b = 0; b < blocks; ++b) {
+        const uint32_t left = n - (uint32_t)b * SEGMENT_BLOCK_RECORDS;
+        if (good[b]) kept += left < SEGMENT_BLOCK_RECORDS ? left : SEGMENT_BLOCK_RECORDS;
+    }
+    for (size_t a = 0; a < RECORD_ARRAYS; ++a) {
+        const size_t item = record_arrays[a].item;
+        const unsigned char *from = record_array_get(level, &record_arrays[a]);
+        unsigned char *to = NULL;
+        kl_status st = kl_alloc_array(&to, kept, item, err);
+        if (st != KL_OK) return st;
+        out->salvaged[l][a] = to;
+        record_array_set(level, &record_arrays[a], to);
+        for (int64_t b = 0; b < blocks; ++b) {
+            const uint32_t first = (uint32_t)b * SEGMENT_BLOCK_RECORDS;
+            const uint32_t left = n - first;
+            const size_t bytes =
+                item * (left < SEGMENT_BLOCK_RECORDS ? left : SEGMENT_BLOCK_RECORDS);
+            if (!good[b]) continue;
+            memcpy(to, from + first * item, bytes);
+            to += bytes;
+        }
+    }
+    level->record_count = kept;
+    out->damage.records[l] += n - kept;
+    return KL_OK;
+}
+
+/* The record arrays of level l, without what is damaged. */
+static kl_status take_records(const struct reader *r, uint32_t l, struct segment *out,
+                              struct kl_err *err)
+{
+    struct kl_level_arrays *level = &out->levels[l];
+    const uint64_t count = r->table.at[record_arrays[0].type][l].count;
+    uint8_t *good = NULL;
+
+    for (size_t a = 0; a < RECORD_ARRAYS; ++a) {
+        const struct segment_section *section = &r->table.at[record_arrays[a].type][l];
+        if (section->count != count) {
+            return kl_fail(err, KL_ERR_CORRUPT, "record arrays of %" PRIu64 " and %" PRIu64, count,
+                           section->count);
+        }
+        if (section->offset != 0) record_array_set(level, &record_arrays[a], array_get(r, section));
+    }
+    level->record_count = (uint32_t)count;
+    if (count == 0) return KL_OK;
+    const int64_t blocks = (int64_t)((count + SEGMENT_BLOCK_RECORDS - 1) / SEGMENT_BLOCK_RECORDS);
+    kl_status st = kl_alloc_array(&good, (size_t)blocks, 1, err);
+    if (st != KL_OK) return st;
+    const uint64_t bad = verify_records(r, level, l, good, blocks);
+    out->damage.blocks += bad;
+    if (bad > 0) st = salvage(out, l, good, blocks, err);
+    free(good);
+    return st;
+}
+
+/* The octree of level l, or none where anything in it or in the records is damaged. */
+static kl_status take_octree(const struct reader *r, uint32_t l, struct segment *out,
+                             struct kl_err *err)
+{
+    const struct segment_section *octree = &r->table.at[SECTION_OCTREE][l];
+    const struct segment_section *slots = &r->table.at[SECTION_SLOTS][l];
+    const struct segment_section *rows = &r->table.at[SECTION_ROWS][l];
+    struct kl_level_arrays level = out->levels[l];
+    struct kl_err complaint;
+
+    if (octree->offset == 0 && slots->offset == 0 && rows->offset == 0) return KL_OK;
+    if (out->id.kind != SEGMENT_BASE || octree->count != 1 || slots->offset == 0 ||
+        rows->offset == 0) {
         return kl_fail(err, KL_ERR_CORRUPT, "parts of an octree");
     }
-    memcpy(&level->octree, octree->data, sizeof level->octree);
-    level->slots = array_get(slots);
-    level->rows = array_get(rows);
-    if (level->octree.slot_count != slots->count || level->octree.row_size != rows->count ||
-        level->octree.record_count == 0) {
-        return kl_fail(err, KL_ERR_CORRUPT, "octree: counts are not those of its arrays");
+    const uint64_t bad = count_bad(r, octree) + count_bad(r, slots) + count_bad(r, rows);
+    out->damage.blocks += bad;
+    bool ok = bad == 0 && out->damage.records[l] == 0;
+    if (ok) {
+        memcpy(&level.octree, array_get(r, octree), sizeof level.octree);
+        level.slots = array_get(r, slots);
+        level.rows = array_get(r, rows);
+        ok = level.octree.slot_count == slots->count && level.octree.row_size == rows->count &&
+             level.octree.record_count > 0 && octree_validate(&level, &complaint) == KL_OK;
+    }
+    if (ok) {
+        out->levels[l] = level;
+    } else {
+        ++out->damage.octrees;
     }
     return KL_OK;
+}
+
+static kl_status take_superseded(const struct reader *r, struct segment *out, struct kl_err *err)
+{
+    const struct segment_section *section = &r->table.at[SECTION_SUPERSEDED][0];
+
+    if (section->count == 0) return KL_OK;
+    if (out->id.kind != SEGMENT_BASE) {
+        return kl_fail(err, KL_ERR_CORRUPT, "a delta cannot supersede");
+    }
+    const uint64_t bad = count_bad(r, section);
+    out->damage.blocks += bad;
+    if (bad > 0) return KL_OK;
+    out->superseded = array_get(r, section);
+    out->superseded_count = (size_t)section->count;
+    return KL_OK;
+}
+
+static void take_parts(const struct reader *r, struct segment *out)
+{
+    const struct segment_section *section = &r->table.at[SECTION_PARTS][0];
+    struct kl_err complaint;
+
+    if (section->count == 0) return;
+    const uint64_t bad = count_bad(r, section);
+    if (bad > 0 || parts_validate(array_get(r, section), (uint32_t)section->count, &complaint)) {
+        out->damage.blocks += bad > 0 ? bad : 1;
+        return;
+    }
+    out->parts = array_get(r, section);
+    out->part_count = (uint32_t)section->count;
 }
 
 kl_status segment_parse(const void *data, size_t size, const struct segment_id *id, bool trust,
                         struct segment *out, struct kl_err *err)
 {
-    struct table table = {0};
+    struct reader r = {.data = data, .size = size, .trust = trust};
 
     memset(out, 0, sizeof *out);
+    kl_status st = segment_head_read(r.data, size, id, trust, &r.head, err);
+    if (st == KL_OK) st = segment_head_sections(&r.head, &r.table, err);
+    if (st != KL_OK) return st;
     out->data = data;
     out->size = size;
-    kl_status st = check_start(out->data, size, err);
-    if (st != KL_OK) return st;
-    st = check_header(out->data, size, id, trust, out, err);
-    if (st != KL_OK) return st;
-    const uint32_t sections = read_u32(out->data + HDR_SECTIONS);
-    for (uint32_t i = 0; i < sections; ++i) {
-        st = read_section(out, out->data + HDR_TABLE + (size_t)i * SEC_SIZE, trust, &table, err);
-        if (st != KL_OK) return st;
-    }
-    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        st = take_level(&table, l, out->id.kind, &out->levels[l], err);
-        if (st == KL_OK) st = level_validate(&out->levels[l], err);
-        if (st != KL_OK) return kl_wrap(err, "level %u", l);
-    }
-    const struct section *superseded = &table.at[SECTION_SUPERSEDED][0];
-    if (superseded->count > 0 && out->id.kind != SEGMENT_BASE) {
-        return kl_fail(err, KL_ERR_CORRUPT, "a delta cannot supersede");
-    }
-    out->superseded = superseded->data;
-    out->superseded_count = (size_t)superseded->count;
-    const struct section *parts = &table.at[SECTION_PARTS][0];
-    out->parts = array_get(parts);
-    out->part_count = (uint32_t)parts->count;
-    st = parts_validate(out->parts, out->part_count, err);
-    if (st != KL_OK) return st;
+    out->id.kind = read_u32(r.head.at + HDR_KIND);
+    out->id.generation = read_u64(r.head.at + HDR_GENERATION);
+    out->id.hash = read_u64(r.head.at + r.head.size - 8);
+    out->damage.headers = r.head.is_damaged;
+    memcpy(out->key.scene, r.head.at + HDR_SCENE, KL_DIGEST_SIZE);
+    memcpy(out->key.settings, r.head.at + HDR_SETTINGS, KL_DIGEST_SIZE);
+    memcpy(out->key.origin, r.head.at + HDR_ORIGIN, sizeof out->key.origin);
+    memcpy(out->program, r.head.at + HDR_PROGRAM, HDR_PROGRAM_SIZE);
     segment_id_format(&out->id, out->name);
-    return KL_OK;
+    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
+        st = take_records(&r, l, out, err);
+        if (st == KL_OK) st = take_octree(&r, l, out, err);
+        if (st != KL_OK) {
+            segment_fini(out);
+            return kl_wrap(err, "level %u", l);
+        }
+    }
+    take_parts(&r, out);
+    st = take_superseded(&r, out, err);
+    if (st != KL_OK) segment_fini(out);
+    return st;
+}
+
+void segment_fini(struct segment *segment)
+{
+    for (int l = 0; l < KL_CACHE_LEVELS; ++l) {
+        for (size_t a = 0; a < RECORD_ARRAYS; ++a) {
+            free(segment->salvaged[l][a]);
+            segment->salvaged[l][a] = NULL;
+        }
+    }
+}
+
+static void unmap(const void *data, size_t size)
+{
+    union {
+        const void *borrowed;
+        void *owned;
+    } map = {.borrowed = data}; /* munmap takes no pointer to const */
+
+    (void)munmap(map.owned, size);
+}
+
+kl_status segment_map(int fd, const struct segment_id *id, struct segment *out, struct kl_err *err)
+{
+    struct stat info;
+
+    if (kl_file_calls->stat(fd, &info) != 0) return kl_fail_errno(err, "stat");
+    if (!S_ISREG(info.st_mode) || info.st_size < HDR_MIN_SIZE) {
+        return kl_fail(err, KL_ERR_CORRUPT, "not a file that holds a header");
+    }
+    const void *map = kl_file_calls->map((size_t)info.st_size, fd);
+    if (map == MAP_FAILED) return kl_fail_errno(err, "map");
+    kl_status st = segment_parse(map, (size_t)info.st_size, id, false, out, err);
+    if (st != KL_OK) unmap(map, (size_t)info.st_size);
+    return st;
 }
 
 kl_status segment_open(int dir_fd, const char *name, struct segment *out, struct kl_err *err)
 {
     struct segment_id id;
-    struct stat info;
-    void *map = MAP_FAILED;
-    kl_status st = KL_OK;
 
     if (!segment_id_parse(name, &id)) {
         return kl_fail(err, KL_ERR_USAGE, "%s: not a segment's name", name);
     }
-    const int fd = openat(dir_fd, name, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    const int fd = kl_file_open_at(dir_fd, name, O_RDONLY | O_NONBLOCK);
     if (fd < 0) return kl_fail_errno(err, "%s: open", name);
-    if (fstat(fd, &info) != 0) {
-        st = kl_fail_errno(err, "%s: stat", name);
-    } else if (!S_ISREG(info.st_mode) || info.st_size < HDR_MIN_SIZE) {
-        st = kl_fail(err, KL_ERR_CORRUPT, "%s: not a file that holds a header", name);
-    } else {
-        map = mmap(NULL, (size_t)info.st_size, PROT_READ, MAP_SHARED, fd, 0);
-        if (map == MAP_FAILED) st = kl_fail_errno(err, "%s: map", name);
-    }
-    close(fd);
-    if (st != KL_OK) return st;
-    st = segment_parse(map, (size_t)info.st_size, &id, false, out, err);
-    if (st != KL_OK) {
-        (void)munmap(map, (size_t)info.st_size);
-        return kl_wrap(err, "%s", name);
-    }
-    return KL_OK;
+    kl_status st = segment_map(fd, &id, out, err);
+    (void)kl_file_calls->close(fd);
+    return st == KL_OK ? KL_OK : kl_wrap(err, "%s", name);
 }
 
 void segment_close(struct segment *segment)
 {
-    union {
-        const unsigned char *borrowed;
-        void *owned;
-    } map = {.borrowed = segment->data}; /* munmap takes no pointer to const */
-
-    if (map.owned != NULL) (void)munmap(map.owned, segment->size);
+    segment_fini(segment);
+    if (segment->data != NULL) unmap(segment->data, segment->size);
     segment->data = NULL;
 }

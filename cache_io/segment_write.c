@@ -12,18 +12,18 @@
 
 struct piece {
     uint32_t type, level;
-    const void *data;
-    uint64_t count, bytes, offset;
+    const unsigned char *data;
+    uint64_t count, bytes, offset, block_bytes, first_block;
 };
 
 struct layout {
     size_t count;
     struct piece pieces[SEGMENT_MAX_SECTIONS];
-    uint64_t file_size;
+    uint64_t blocks, head_size, file_size;
 };
 
 static void add_piece(struct layout *layout, enum section_type type, uint32_t level,
-                      const void *data, uint64_t count, size_t item)
+                      const void *data, uint64_t count, size_t item, bool is_record_array)
 {
     struct piece *piece = &layout->pieces[layout->count++];
 
@@ -32,6 +32,10 @@ static void add_piece(struct layout *layout, enum section_type type, uint32_t le
     piece->data = data;
     piece->count = count;
     piece->bytes = count * item;
+    piece->block_bytes =
+        is_record_array ? (uint64_t)item * SEGMENT_BLOCK_RECORDS : SEGMENT_BLOCK_BYTES;
+    piece->first_block = layout->blocks;
+    layout->blocks += (piece->bytes + piece->block_bytes - 1) / piece->block_bytes;
 }
 
 static uint64_t align_up(uint64_t x)
@@ -39,37 +43,64 @@ static uint64_t align_up(uint64_t x)
     return (x + SEGMENT_ALIGN - 1) / SEGMENT_ALIGN * SEGMENT_ALIGN;
 }
 
+static void add_level(struct layout *layout, const struct kl_level_arrays *level, uint32_t l,
+                      bool with_octree)
+{
+    if (level->record_count == 0) return;
+    for (size_t a = 0; a < RECORD_ARRAYS; ++a) {
+        add_piece(layout, record_arrays[a].type, l, record_array_get(level, &record_arrays[a]),
+                  level->record_count, record_arrays[a].item, true);
+    }
+    if (!with_octree || level->octree.record_count == 0) return;
+    add_piece(layout, SECTION_OCTREE, l, &level->octree, 1, sizeof level->octree, false);
+    add_piece(layout, SECTION_SLOTS, l, level->slots, level->octree.slot_count,
+              sizeof *level->slots, false);
+    add_piece(layout, SECTION_ROWS, l, level->rows, level->octree.row_size, sizeof *level->rows,
+              false);
+}
+
 static void lay_out(const struct segment_plan *plan, const unsigned char *superseded,
                     struct layout *layout)
 {
     memset(layout, 0, sizeof *layout);
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        const struct kl_level_arrays *level = &plan->levels[l];
-        if (level->record_count == 0) continue;
-        add_piece(layout, SECTION_HOT, l, level->hot, level->record_count, sizeof *level->hot);
-        add_piece(layout, SECTION_COLD, l, level->cold, level->record_count, sizeof *level->cold);
-        if (plan->kind != SEGMENT_BASE || level->octree.record_count == 0) continue;
-        add_piece(layout, SECTION_OCTREE, l, &level->octree, 1, sizeof level->octree);
-        add_piece(layout, SECTION_SLOTS, l, level->slots, level->octree.slot_count,
-                  sizeof *level->slots);
-        add_piece(layout, SECTION_ROWS, l, level->rows, level->octree.row_size,
-                  sizeof *level->rows);
+        add_level(layout, &plan->levels[l], l, plan->kind == SEGMENT_BASE);
     }
     if (plan->superseded_count > 0) {
-        add_piece(layout, SECTION_SUPERSEDED, 0, superseded, plan->superseded_count, OLD_SIZE);
+        add_piece(layout, SECTION_SUPERSEDED, 0, superseded, plan->superseded_count, OLD_SIZE,
+                  false);
     }
     if (plan->part_count > 0) {
-        add_piece(layout, SECTION_PARTS, 0, plan->parts, plan->part_count, sizeof *plan->parts);
+        add_piece(layout, SECTION_PARTS, 0, plan->parts, plan->part_count, sizeof *plan->parts,
+                  false);
     }
-    uint64_t offset = align_up(HDR_TABLE + layout->count * SEC_SIZE + 8);
+    layout->head_size = HDR_TABLE + layout->count * SEC_SIZE + layout->blocks * 8 + HDR_END;
+    uint64_t offset = align_up(layout->head_size);
     for (size_t i = 0; i < layout->count; ++i) {
         layout->pieces[i].offset = offset;
         offset = align_up(offset + layout->pieces[i].bytes);
     }
-    layout->file_size = offset;
+    layout->file_size = offset + layout->head_size;
 }
 
-/* Fills `header` (zeroed, up to the first section); returns its checksum. */
+static void put_checksums(const struct layout *layout, unsigned char *out)
+{
+    for (size_t i = 0; i < layout->count; ++i) {
+        const struct piece *piece = &layout->pieces[i];
+        const int64_t blocks =
+            (int64_t)((piece->bytes + piece->block_bytes - 1) / piece->block_bytes);
+#pragma omp parallel for schedule(dynamic, 16) if (blocks >= 64)
+        for (int64_t b = 0; b < blocks; ++b) {
+            const uint64_t start = (uint64_t)b * piece->block_bytes;
+            const uint64_t left = piece->bytes - start;
+            const uint64_t bytes = left < piece->block_bytes ? left : piece->block_bytes;
+            put_u64(out + (piece->first_block + (uint64_t)b) * 8,
+                    kl_hash_block(piece->data + start, (size_t)bytes));
+        }
+    }
+}
+
+/* Fills `header` (zeroed, layout->head_size); returns its checksum. */
 static uint64_t make_header(const struct segment_plan *plan, const struct layout *layout,
                             unsigned char *header)
 {
@@ -87,6 +118,7 @@ static uint64_t make_header(const struct segment_plan *plan, const struct layout
     memcpy(header + HDR_ORIGIN, plan->key->origin, sizeof plan->key->origin);
     _Static_assert(sizeof KL_PROGRAM <= HDR_PROGRAM_SIZE, "program name is too long");
     memcpy(header + HDR_PROGRAM, KL_PROGRAM, sizeof KL_PROGRAM);
+    put_u64(header + HDR_BLOCKS, layout->blocks);
     for (size_t i = 0; i < layout->count; ++i) {
         const struct piece *piece = &layout->pieces[i];
         unsigned char *entry = header + HDR_TABLE + i * SEC_SIZE;
@@ -95,26 +127,34 @@ static uint64_t make_header(const struct segment_plan *plan, const struct layout
         put_u64(entry + SEC_OFFSET, piece->offset);
         put_u64(entry + SEC_BYTES, piece->bytes);
         put_u64(entry + SEC_COUNT, piece->count);
-        put_u64(entry + SEC_CHECKSUM, kl_hash_block(piece->data, (size_t)piece->bytes));
+        put_u64(entry + SEC_FIRST_BLOCK, piece->first_block);
+        put_u64(entry + SEC_BLOCK_BYTES, piece->block_bytes);
     }
-    const size_t covered = HDR_TABLE + layout->count * SEC_SIZE;
-    const uint64_t checksum = kl_hash_block(header, covered);
-    put_u64(header + covered, checksum);
+    put_checksums(layout, header + HDR_TABLE + layout->count * SEC_SIZE);
+    put_u64(header + layout->head_size - HDR_END, layout->head_size);
+    const uint64_t checksum = kl_hash_block(header, (size_t)layout->head_size - 8);
+    put_u64(header + layout->head_size - 8, checksum);
     return checksum;
 }
 
-static kl_status write_pieces(int fd, const unsigned char *header, size_t header_size,
-                              const struct layout *layout, struct kl_err *err)
+static kl_status write_padded(int fd, const void *data, uint64_t bytes, struct kl_err *err)
 {
     static const unsigned char zeros[SEGMENT_ALIGN];
-    kl_status st = kl_file_write_all(fd, header, header_size, err);
+    kl_status st = kl_file_write_all(fd, data, (size_t)bytes, err);
+
+    if (st != KL_OK || align_up(bytes) == bytes) return st;
+    return kl_file_write_all(fd, zeros, (size_t)(align_up(bytes) - bytes), err);
+}
+
+static kl_status write_all(int fd, const unsigned char *header, const struct layout *layout,
+                           struct kl_err *err)
+{
+    kl_status st = write_padded(fd, header, layout->head_size, err);
 
     for (size_t i = 0; i < layout->count && st == KL_OK; ++i) {
-        const struct piece *piece = &layout->pieces[i];
-        st = kl_file_write_all(fd, piece->data, (size_t)piece->bytes, err);
-        if (st != KL_OK) return st;
-        st = kl_file_write_all(fd, zeros, (size_t)(align_up(piece->bytes) - piece->bytes), err);
+        st = write_padded(fd, layout->pieces[i].data, layout->pieces[i].bytes, err);
     }
+    if (st == KL_OK) st = kl_file_write_all(fd, header, (size_t)layout->head_size, err);
     return st;
 }
 
@@ -134,11 +174,35 @@ static kl_status pack_superseded(const struct segment_plan *plan, unsigned char 
     return KL_OK;
 }
 
-kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segment_id *id,
+/* Others may compact the segment away the moment it has its name: it is mapped before. */
+static kl_status write_and_map(struct kl_file_temp *file, const unsigned char *header,
+                               const struct layout *layout, const struct segment_id *id,
+                               struct segment *out, struct kl_err *err)
+{
+    kl_status st = write_all(file->fd, header, layout, err);
+
+    if (st == KL_OK) st = segment_map(file->fd, id, out, err);
+    if (st != KL_OK) {
+        kl_file_temp_discard(file);
+        return st;
+    }
+    const struct kl_store_damage *damage = &out->damage;
+    if (damage->headers + damage->blocks + damage->octrees > 0) {
+        kl_file_temp_discard(file);
+        st = kl_fail(err, KL_ERR_IO, "what was written does not come back");
+    } else {
+        st = kl_file_temp_commit(file, err);
+    }
+    if (st != KL_OK) segment_close(out);
+    return st;
+}
+
+kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segment *out,
                         struct kl_err *err)
 {
     struct layout layout;
     struct kl_file_temp file;
+    struct segment_id id = {.kind = plan->kind, .generation = plan->generation};
     unsigned char *superseded = NULL;
     unsigned char *header = NULL;
     char name[SEGMENT_NAME_SIZE];
@@ -146,21 +210,12 @@ kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segm
 
     if (st != KL_OK) return st;
     lay_out(plan, superseded, &layout);
-    const size_t header_size = (size_t)align_up(HDR_TABLE + layout.count * SEC_SIZE + 8);
-    st = kl_alloc_array(&header, header_size, 1, err);
+    st = kl_alloc_array(&header, (size_t)layout.head_size, 1, err);
     if (st != KL_OK) goto cleanup;
-    id->kind = plan->kind;
-    id->generation = plan->generation;
-    id->hash = make_header(plan, &layout, header);
-    segment_id_format(id, name);
+    id.hash = make_header(plan, &layout, header);
+    segment_id_format(&id, name);
     st = kl_file_temp_open_at(dir_fd, name, &file, err);
-    if (st != KL_OK) goto cleanup;
-    st = write_pieces(file.fd, header, header_size, &layout, err);
-    if (st == KL_OK) {
-        st = kl_file_temp_commit(&file, err);
-    } else {
-        kl_file_temp_discard(&file);
-    }
+    if (st == KL_OK) st = write_and_map(&file, header, &layout, &id, out, err);
     if (st != KL_OK) (void)kl_wrap(err, "%s", name);
 
 cleanup:

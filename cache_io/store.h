@@ -38,22 +38,40 @@ enum kl_store_mode {
     KL_STORE_REBUILD, /* as EXTEND; segments there are removed first, whatever their key */
 };
 
+/* What is missing from what the files once held. */
+struct kl_store_damage {
+    uint64_t segments; /* files of which nothing can be used */
+    uint64_t foreign;  /* files that are whole but of another key */
+    uint64_t headers;  /* segments with one of two headers lost, or of a wrong size */
+    uint64_t blocks;   /* whose checksum or records are bad */
+    uint64_t octrees;  /* left out for a bad block in them or their records; rebuilt when needed */
+    uint64_t records[KL_CACHE_LEVELS]; /* lost with their blocks */
+};
+
 struct kl_store_segment_info {
     char name[64];
+    char program[40]; /* that wrote it */
     uint64_t bytes, generation;
-    bool is_base;
+    bool is_base, has_octree[KL_CACHE_LEVELS];
     uint32_t records[KL_CACHE_LEVELS];
+    struct kl_store_damage damage;
 };
 
 /* Open or create `dir`. `key` NULL (READ only): take the key of the newest segment, leave out those
- * of other keys. KL_ERR_STALE: the directory belongs to another key; the message says which part
- * differs. Where some segments are of the key and others only of another scene, the others are left
- * out: two editions of a scene share the directory. KL_ERR_CORRUPT only where
- * nothing is usable; otherwise damaged segments are left out and counted in kl_store_damaged.
- * KL_ERR_VERSION: written by another major version. *out is the caller's: kl_store_close. */
+ * of other keys. KL_ERR_STALE: no segment is of the key; the message says which part differs. Where
+ * some are, those of another scene only are left out in silence: two editions of a scene share the
+ * directory. Damaged blocks and segments of other settings are left out too, and counted in
+ * kl_store_damaged. Every block was checked against its checksum, every record and octree for
+ * soundness. KL_ERR_CORRUPT only where nothing is usable. KL_ERR_VERSION: written by another major
+ * version. *out is the caller's: kl_store_close. */
 kl_status kl_store_open(const char *dir, enum kl_store_mode mode, const struct kl_store_key *key,
                         struct kl_store **out, struct kl_err *err) KL_MUST_CHECK;
 void kl_store_close(struct kl_store *store); /* accepts NULL */
+
+/* Pick up segments that others have published. *changed: the list is another one, and arrays of
+ * segments that are no longer in it are invalid; get all anew. On failure nothing has changed. A
+ * run whose cache is frozen does not call it. */
+kl_status kl_store_refresh(struct kl_store *store, bool *changed, struct kl_err *err) KL_MUST_CHECK;
 
 /* Segments in the order in which they are to be read: the base (if any) first, then deltas by
  * generation and name. Level arrays of segment i. Every record was validated. */
@@ -71,8 +89,10 @@ kl_status kl_store_parts_set(struct kl_store *store, const kl_part *parts, uint3
                              struct kl_err *err) KL_MUST_CHECK;
 uint64_t kl_store_generation(const struct kl_store *store); /* +1 per published segment */
 uint64_t kl_store_bytes(const struct kl_store *store);
-/* Number of segments left out because they are damaged; text of the first complaint. */
+/* Number of segments left out, in whole or in part, because they are damaged or foreign; text of
+ * the first complaint (NULL: none). */
 size_t kl_store_damaged(const struct kl_store *store, const char **first);
+void kl_store_get_damage(const struct kl_store *store, struct kl_store_damage *out);
 
 /* Append a batch: records[l] holds the new records of level l (octree ignored). The batch is on
  * disk when this returns KL_OK. The new segment also appears at the end of this store's list.

@@ -1,8 +1,6 @@
 #include "cache_io/format_impl.h"
-#include "src/base/memory.h"
 
 #include <math.h>
-#include <stdlib.h>
 
 static bool half_is_finite(kl_u16 half)
 {
@@ -61,56 +59,71 @@ static kl_status check_octree_header(const struct kl_level_arrays *level, struct
     return KL_OK;
 }
 
-/* runs[p] = how many items from p on are record numbers that exist. Rows may be shared or overlap,
- * so each is judged by its start in constant time: no file can make this slow. */
-static void find_runs(const struct kl_level_arrays *level, kl_u32 *runs)
-{
-    kl_u32 run = 0;
-
-    for (kl_u32 p = level->octree.row_size; p-- > 0;) {
-        run = level->rows[p] < level->record_count ? run + 1 : 0;
-        runs[p] = run;
-    }
-}
-
-static kl_status check_octree(const struct kl_level_arrays *level, struct kl_err *err)
+/* Rows of a hostile file may overlap: together they may be no longer than what lies there, so the
+ * time is bounded by the file's size. */
+static bool rows_fit(const struct kl_level_arrays *level)
 {
     const kl_u32 size = level->octree.row_size;
-    kl_u32 *runs = NULL;
-    kl_status st = check_octree_header(level, err);
+    const int64_t slots = (int64_t)level->octree.slot_count;
+    uint64_t used = 0;
+    bool ok = true;
 
-    if (st != KL_OK) return st;
-    if (size < KL_DIRECTORY_SIZE) {
-        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u row items, the directory alone has %d",
-                       size, KL_DIRECTORY_SIZE);
-    }
-    st = kl_alloc_array(&runs, (size_t)size + 1, sizeof *runs, err); /* runs[size] is 0 */
-    if (st != KL_OK) return st;
-    find_runs(level, runs);
-    for (kl_u32 i = 0; i < level->octree.slot_count; ++i) {
+#pragma omp parallel for schedule(static) reduction(+ : used) reduction(&& : ok) if (slots > 65536)
+    for (int64_t i = 0; i < slots; ++i) {
         const kl_octree_slot *slot = &level->slots[i];
         if (slot->tag == 0) continue;
         /* A check word, a count, then as many record numbers. */
-        if (slot->row >= size - 1 || level->rows[slot->row + 1] > runs[slot->row + 2]) {
-            st = kl_fail(err, KL_ERR_CORRUPT, "octree: slot %u: bad row at %u of %u", i, slot->row,
-                         size);
-            break;
+        if (slot->row >= size - 1 || level->rows[slot->row + 1] > size - 2 - slot->row) {
+            ok = false;
+        } else {
+            used += 2 + (uint64_t)level->rows[slot->row + 1];
         }
     }
-    free(runs);
-    return st;
+    return ok && used <= size - KL_DIRECTORY_SIZE;
 }
 
-kl_status level_validate(const struct kl_level_arrays *level, struct kl_err *err)
+static bool record_numbers_exist(const struct kl_level_arrays *level)
 {
-    for (uint32_t i = 0; i < level->record_count; ++i) {
-        if (!kl_record_is_valid(&level->hot[i], &level->cold[i])) {
-            return kl_fail(err, KL_ERR_CORRUPT, "record %u of %u is not sound", i,
-                           level->record_count);
+    const int64_t slots = (int64_t)level->octree.slot_count;
+    bool ok = true;
+
+#pragma omp parallel for schedule(static) reduction(&& : ok) if (slots > 65536)
+    for (int64_t i = 0; i < slots; ++i) {
+        const kl_octree_slot *slot = &level->slots[i];
+        if (slot->tag == 0) continue;
+        const kl_u32 *row = level->rows + slot->row + 1;
+        kl_u32 highest = 0;
+        for (kl_u32 k = 0; k < row[0]; ++k) {
+            highest = row[1 + k] > highest ? row[1 + k] : highest;
         }
+        ok = ok && highest < level->record_count;
     }
-    if (level->octree.record_count == 0) return KL_OK;
-    return check_octree(level, err);
+    return ok;
+}
+
+kl_status octree_validate(const struct kl_level_arrays *level, struct kl_err *err)
+{
+    kl_status st = check_octree_header(level, err);
+
+    if (st != KL_OK) return st;
+    if (level->octree.row_size < KL_DIRECTORY_SIZE) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u row items, the directory alone has %d",
+                       level->octree.row_size, KL_DIRECTORY_SIZE);
+    }
+    if (!rows_fit(level)) return kl_fail(err, KL_ERR_CORRUPT, "octree: a row does not fit");
+    if (!record_numbers_exist(level)) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: a record number above %u",
+                       level->record_count);
+    }
+    return KL_OK;
+}
+
+bool records_are_valid(const struct kl_level_arrays *level, uint32_t first, uint32_t last)
+{
+    for (uint32_t i = first; i < last; ++i) {
+        if (!kl_record_is_valid(&level->hot[i], &level->cold[i])) return false;
+    }
+    return true;
 }
 
 static bool part_is_valid(const kl_part *part)

@@ -1,5 +1,6 @@
 #include "src/base/file.h"
 
+#include "src/base/file_calls.h"
 #include "src/base/memory.h"
 
 #include <errno.h>
@@ -11,14 +12,35 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+int kl_file_open_at(int dir_fd, const char *path, int flags)
+{
+    int fd = -1;
+
+    do {
+        fd = kl_file_calls->open_at(dir_fd, path, flags | O_CLOEXEC, 0644);
+    } while (fd < 0 && errno == EINTR);
+    return fd;
+}
+
+int kl_file_sync(int fd)
+{
+    int failed = 0;
+
+    do {
+        failed = kl_file_calls->sync(fd);
+    } while (failed != 0 && errno == EINTR);
+    return failed != 0 && errno == EINVAL ? 0 : failed;
+}
+
 kl_status kl_file_write_all(int fd, const void *data, size_t size, struct kl_err *err)
 {
     const char *next = data;
 
     while (size > 0) {
-        const ssize_t n = write(fd, next, size);
+        const ssize_t n = kl_file_calls->write(fd, next, size);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) return kl_fail_errno(err, "write of %zu bytes", size);
+        if (n == 0) return kl_fail(err, KL_ERR_IO, "write of %zu bytes: nothing is taken", size);
         next += n;
         size -= (size_t)n;
     }
@@ -30,7 +52,7 @@ static kl_status read_all(int fd, const char *path, char *data, size_t size, str
     size_t done = 0;
 
     while (done < size) {
-        const ssize_t n = read(fd, data + done, size - done);
+        const ssize_t n = kl_file_calls->read(fd, data + done, size - done);
         if (n < 0 && errno == EINTR) continue;
         if (n < 0) return kl_fail_errno(err, "read %s", path);
         if (n == 0) {
@@ -46,14 +68,14 @@ kl_status kl_file_read(const char *path, size_t limit, char **out, size_t *size,
     kl_status st = KL_OK;
     char *data = NULL;
     struct stat info;
-    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    const int fd = kl_file_open_at(AT_FDCWD, path, O_RDONLY);
 
     if (fd < 0) {
         st = kl_fail_errno(err, "open %s", path);
         if (err->os_error == ENOENT || err->os_error == ENOTDIR) st = err->status = KL_ERR_INPUT;
         return st;
     }
-    if (fstat(fd, &info) != 0) {
+    if (kl_file_calls->stat(fd, &info) != 0) {
         st = kl_fail_errno(err, "stat %s", path);
         goto cleanup;
     }
@@ -76,7 +98,7 @@ kl_status kl_file_read(const char *path, size_t limit, char **out, size_t *size,
 
 cleanup:
     free(data);
-    close(fd);
+    (void)kl_file_calls->close(fd);
     return st;
 }
 
@@ -95,8 +117,7 @@ static int open_unused(struct kl_file_temp *file)
             errno = ENAMETOOLONG;
             return -1;
         }
-        const int fd =
-            openat(file->dir_fd, file->temp, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
+        const int fd = kl_file_open_at(file->dir_fd, file->temp, O_RDWR | O_CREAT | O_EXCL);
         if (fd >= 0 || errno != EEXIST) return fd;
     }
     return -1;
@@ -111,12 +132,12 @@ kl_status kl_file_temp_open_at(int dir_fd, const char *name, struct kl_file_temp
         return kl_fail(err, KL_ERR_USAGE, "file name is empty or too long: %.300s", name);
     }
     memcpy(file->name, name, strlen(name) + 1);
-    file->dir_fd = openat(dir_fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    file->dir_fd = kl_file_open_at(dir_fd, ".", O_RDONLY | O_DIRECTORY);
     if (file->dir_fd < 0) return kl_fail_errno(err, "open the directory of %s", name);
     file->fd = open_unused(file);
     if (file->fd < 0) {
         (void)kl_fail_errno(err, "create %s", file->temp);
-        close(file->dir_fd);
+        (void)kl_file_calls->close(file->dir_fd);
         return err->status;
     }
     return KL_OK;
@@ -132,12 +153,12 @@ kl_status kl_file_temp_open(const char *path, struct kl_file_temp *file, struct 
 
     if (st != KL_OK) return st;
     if (dir_size > 0) dir[dir_size] = '\0';
-    const int dir_fd = open(dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    const int dir_fd = kl_file_open_at(AT_FDCWD, dir, O_RDONLY | O_DIRECTORY);
     if (dir_fd < 0) {
         st = kl_fail_errno(err, "open directory %s", dir);
     } else {
         st = kl_file_temp_open_at(dir_fd, name, file, err);
-        close(dir_fd);
+        (void)kl_file_calls->close(dir_fd);
     }
     free(dir);
     return st;
@@ -147,32 +168,32 @@ kl_status kl_file_temp_commit(struct kl_file_temp *file, struct kl_err *err)
 {
     kl_status st = KL_OK;
 
-    if (fsync(file->fd) != 0) {
+    if (kl_file_sync(file->fd) != 0) {
         st = kl_fail_errno(err, "fsync %s", file->temp);
         goto cleanup;
     }
-    if (renameat(file->dir_fd, file->temp, file->dir_fd, file->name) != 0) {
+    if (kl_file_calls->rename_at(file->dir_fd, file->temp, file->dir_fd, file->name) != 0) {
         st = kl_fail_errno(err, "rename %s to %s", file->temp, file->name);
         goto cleanup;
     }
-    /* EINVAL: a file system that has no such thing as syncing a directory. */
-    if (fsync(file->dir_fd) != 0 && errno != EINVAL) {
+    if (kl_file_sync(file->dir_fd) != 0) {
         st = kl_fail_errno(err, "fsync directory of %s", file->name);
     }
 
 cleanup:
-    if (st != KL_OK) (void)unlinkat(file->dir_fd, file->temp, 0); /* ENOENT once renamed */
-    close(file->fd);
-    close(file->dir_fd);
+    if (st != KL_OK)
+        (void)kl_file_calls->unlink_at(file->dir_fd, file->temp); /* ENOENT once renamed */
+    (void)kl_file_calls->close(file->fd);
+    (void)kl_file_calls->close(file->dir_fd);
     file->fd = file->dir_fd = -1;
     return st;
 }
 
 void kl_file_temp_discard(struct kl_file_temp *file)
 {
-    (void)unlinkat(file->dir_fd, file->temp, 0);
-    close(file->fd);
-    close(file->dir_fd);
+    (void)kl_file_calls->unlink_at(file->dir_fd, file->temp);
+    (void)kl_file_calls->close(file->fd);
+    (void)kl_file_calls->close(file->dir_fd);
     file->fd = file->dir_fd = -1;
 }
 

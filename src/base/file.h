@@ -10,6 +10,12 @@
 extern "C" {
 #endif
 
+/* openat() and fsync(), again after EINTR; -1 and errno. Files are created with mode 0644, all are
+ * closed by exec. A thing that cannot be synced (EINVAL: directories of some file systems) counts
+ * as synced. */
+int kl_file_open_at(int dir_fd, const char *path, int flags);
+int kl_file_sync(int fd);
+
 /* write() until all is written; goes on after short writes and EINTR. */
 kl_status kl_file_write_all(int fd, const void *data, size_t size,
                             struct kl_err *err) KL_MUST_CHECK;

@@ -35,6 +35,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         for (size_t i = 0; i < segment.superseded_count; ++i) {
             sink ^= segment_superseded_get(&segment, i).kind;
         }
+        segment_fini(&segment);
     }
     free(copy);
     return 0;

@@ -1,0 +1,66 @@
+/* What the files of this folder share about an open store. */
+#ifndef KL_CACHE_IO_STORE_IMPL_H
+#define KL_CACHE_IO_STORE_IMPL_H
+
+#include "cache_io/format_impl.h"
+
+/* A file of the directory that is left out. */
+struct store_reject {
+    struct segment_id id;
+    bool is_foreign; /* whole, but of another key; else damaged beyond use */
+    char message[512];
+};
+
+struct id_list {
+    size_t count, capacity;
+    struct segment_id *ids;
+};
+
+struct segment_list {
+    size_t count, capacity;
+    struct segment *items;
+};
+
+struct kl_store {
+    int dir_fd;
+    enum kl_store_mode mode;
+    bool broken; /* a write failed: what the directory holds is not what we believe */
+    bool has_key;
+    struct kl_store_key key;
+    uint64_t generation;
+    struct segment_list segments; /* in reading order */
+    struct id_list leftovers;     /* superseded, still there: the next base removes them too */
+    struct id_list listed;        /* the directory when it was last read */
+    size_t reject_count, reject_capacity;
+    struct store_reject *rejects;
+    kl_part *parts; /* to be written */
+    uint32_t part_count;
+    char complaint[512]; /* first damage; "": none */
+};
+
+/* The segments of the directory, sorted. */
+kl_status store_list(int dir_fd, struct id_list *out, struct kl_err *err) KL_MUST_CHECK;
+/* Call `visit` for every name in the directory until it fails. */
+kl_status store_for_each_name(int dir_fd,
+                              kl_status (*visit)(void *context, const char *name,
+                                                 struct kl_err *err),
+                              void *context, struct kl_err *err) KL_MUST_CHECK;
+/* Open what the directory holds; segments that are open already stay as they are. On failure the
+ * store is as it was. */
+kl_status store_load(struct kl_store *store, struct kl_err *err) KL_MUST_CHECK;
+/* Section 5 of the format: which segments are in use, and in which order. The others are closed and
+ * added to `leftovers`. */
+kl_status store_arrange(struct segment_list *segments, struct id_list *leftovers,
+                        struct kl_err *err) KL_MUST_CHECK;
+/* KL_ERR_STALE: the message says which part of the key differs. */
+kl_status store_check_key(const struct kl_store_key *have, const struct kl_store_key *want,
+                          const char *name, struct kl_err *err) KL_MUST_CHECK;
+void segment_list_fini(struct segment_list *list);
+
+/* Publish one base with these levels in place of the segments `old` (sorted here), and remove them.
+ * The store's list is not touched: store_load. */
+kl_status store_replace(struct kl_store *store, struct id_list *old,
+                        const struct kl_level_arrays levels[KL_CACHE_LEVELS], struct segment *out,
+                        struct kl_err *err) KL_MUST_CHECK;
+
+#endif
