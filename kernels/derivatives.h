@@ -18,6 +18,7 @@ typedef struct kl_gather_result {
     float grad_r[6];             /* rotational gradient, record frame */
     float harmonic;              /* [m] harmonic mean distance; KL_INF under an open sky */
     float clearance[KL_SECTORS]; /* [m] where the horizon is blocked, KL_INF: open */
+    kl_u32 touched[2];           /* parts that the light depends on: kernels/parts.h */
 } kl_gather_result;
 
 KL_FN float kl_cell_inverse(const KL_GLOBAL kl_gather_cell *c)
@@ -157,6 +158,36 @@ KL_FN void kl_reduce_clearance(const KL_GLOBAL kl_gather_cell *cells,
             out->clearance[sector] =
                 kl_fmin(out->clearance[sector], d * kl_sqrt(px * px + py * py));
         }
+    }
+}
+
+/* The parts of the scene whose share of the record's light reaches `threshold`. Of an object counts
+ * what it would send if it were white: that bounds what any other colour of it could add or take
+ * away. Of what a path met behind the first surface counts twice what it sent. Of a light, what it
+ * sent. */
+KL_FN void kl_reduce_touched(const KL_GLOBAL kl_gather_cell *cells, kl_u32 count, float threshold,
+                             kl_gather_result *out)
+{
+    float share[64];
+    float total = 0.0f;
+    for (kl_u32 k = 0; k < 64u; ++k) {
+        share[k] = 0.0f;
+    }
+    for (kl_u32 i = 0; i < count; ++i) {
+        const float l = kl_cell_luminance(&cells[i]);
+        const kl_u32 touch = cells[i].touch;
+        const kl_u32 light = (touch >> 8) & 255u;
+        const float direct = (float)((touch >> 16) & 255u) * (1.0f / 255.0f);
+        total += l;
+        if ((touch & 255u) < 64u) share[touch & 255u] += cells[i].potential;
+        if (light < 64u) share[light] += l * direct;
+        if (touch >> 24 < 64u) share[touch >> 24] += 2.0f * l * (1.0f - direct);
+    }
+    out->touched[0] = 0u;
+    out->touched[1] = 0u;
+    for (kl_u32 k = 0; k < 64u; ++k) {
+        if (share[k] > 0.0f && share[k] >= threshold * total)
+            out->touched[k >> 5] |= 1u << (k & 31u);
     }
 }
 

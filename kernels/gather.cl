@@ -40,5 +40,6 @@ __kernel void kl_gather_reduce(const kl_gather_settings settings,
     grid.corners = corners;
     grid.turn = turn;
     kl_reduce_record(cells + i * rays, directions + (size_t)set * rays, &grid, point, &result);
+    kl_reduce_touched(cells + i * rays, rays, settings.touch, &result);
     results[i] = result;
 }

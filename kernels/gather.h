@@ -5,6 +5,7 @@
 #include "kernels/bsdf.h"
 #include "kernels/cache_query.h"
 #include "kernels/lights.h"
+#include "kernels/parts.h"
 
 #define KL_GATHER_DEPTH 64 /* bounces at most; roulette ends nearly all paths long before */
 
@@ -34,29 +35,54 @@ typedef struct kl_gather_cell {
     float radiance[3]; /* [W m^-2 sr^-1], >= 0, finite */
     float distance;    /* [m]; KL_INF: nothing there; negative: the magnitude, and the surface that
                         * was hit faces the way the record does (the same floor, curved) */
+    float potential;   /* luminance that would arrive if the surface that was hit were white */
+    kl_u32 touch; /* four bytes, lowest first: bit (kernels/parts.h) of the object that was hit;
+                   * of the light that it was asked for; that light's share of the radiance, in
+                   * 255ths; bit of the object that the path hit next, if it went on. 255: none */
 } kl_gather_cell;
-KL_ASSERT_SIZE(kl_gather_cell, 16);
+KL_ASSERT_SIZE(kl_gather_cell, 24);
+#define KL_TOUCH_NONE 255u
 
 typedef struct kl_gather_settings {
     kl_query query;     /* of the level-1 records */
     float length_scale; /* records serve a ray only if it is longer than xi * this * radius */
     kl_u32 side;        /* directions are side x side */
     kl_u32 sets;        /* number of direction sets, a power of two */
+    float touch;        /* share of a record's light from which on it depends on a part */
 } kl_gather_settings;
 
-/* Direct light reflected by a Lambertian surface of the given albedo: one light sample. */
-KL_FN kl_vec3 kl_direct_lambert(const kl_scene_view *s, const kl_surface *surf, kl_vec3 albedo,
-                                float choice, kl_vec2 u)
+/* Direct light reflected by a white Lambertian surface: one sample of one light, *which. */
+KL_FN kl_vec3 kl_direct_lambert(const kl_scene_view *s, const kl_surface *surf, float choice,
+                                kl_vec2 u, kl_u32 *which)
 {
     kl_light_sample light;
+    *which = KL_NONE;
     if (!kl_light_sample_one(s, surf->pos, surf->geometric, choice, u, &light)) {
         return kl_v3_splat(0.0f);
     }
+    *which = light.light;
     const float cosine = kl_dot(surf->smooth, light.wi);
     if (!(cosine > 0.0f) || !(kl_dot(surf->geometric, light.wi) > 0.0f)) return kl_v3_splat(0.0f);
     const kl_ray ray = kl_shadow_ray(surf, &light);
     const float through = kl_transmittance(s, &ray);
-    return kl_v3_scale(kl_v3_mul(albedo, light.radiance), KL_INV_PI * cosine * through / light.pdf);
+    return kl_v3_scale(light.radiance, KL_INV_PI * cosine * through / light.pdf);
+}
+
+/* Bits of a light and of an object. */
+KL_FN kl_u32 kl_touch_of_light(const kl_scene_view *s, kl_u32 light)
+{
+    return light == KL_NONE ? KL_TOUCH_NONE : s->touch_bits[light];
+}
+KL_FN kl_u32 kl_touch_of_object(const kl_scene_view *s, kl_u32 object)
+{
+    return object == KL_NONE ? KL_TOUCH_NONE : s->touch_bits[s->light_count + object];
+}
+/* `direct` of all the light `sum` comes straight from `light`. */
+KL_FN kl_u32 kl_touch_of_direct(const kl_scene_view *s, kl_u32 light, kl_vec3 direct, kl_vec3 sum)
+{
+    const float all = kl_luminance(sum);
+    const float share = all > 0.0f ? kl_clamp(kl_luminance(direct) / all, 0.0f, 1.0f) : 0.0f;
+    return kl_touch_of_light(s, light) << 8 | (kl_u32)(share * 255.0f + 0.5f) << 16;
 }
 
 /* Radiance that comes back along `ray`, without what emitters send directly: their light belongs to
@@ -67,7 +93,11 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
                                    kl_sampler sampler)
 {
     kl_gather_cell out;
-    kl_vec3 sum = kl_v3_splat(0.0f);
+    kl_vec3 first = kl_v3_splat(0.0f);  /* albedo of the surface that is hit first */
+    kl_vec3 direct = kl_v3_splat(0.0f); /* on it */
+    kl_u32 light = KL_NONE;             /* whose */
+    kl_u32 hit_bits = KL_TOUCH_NONE | KL_TOUCH_NONE << 24;
+    kl_vec3 sum = kl_v3_splat(0.0f); /* as if the first surface were white */
     kl_vec3 beta = kl_v3_splat(1.0f);
     out.distance = KL_INF;
     for (int bounce = 0; bounce < KL_GATHER_DEPTH; ++bounce) {
@@ -76,22 +106,34 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         const kl_u32 seed = kl_hash2(sampler.seed, sampler.index * 64u + (kl_u32)bounce);
         if (!kl_intersect(s, &ray, seed, &hit)) break;
         kl_surface_at(s, &ray, &hit, &surf);
-        if (bounce == 0) out.distance = kl_dot(surf.smooth, axis) > KL_SAME_SIDE ? -hit.t : hit.t;
         const kl_vec3 albedo = kl_gather_albedo(s, &surf, kl_v3_scale(ray.dir, -1.0f));
-        beta = kl_v3_mul(beta, albedo);
-        if (kl_is_black(beta)) break;
+        if (bounce == 0) {
+            out.distance = kl_dot(surf.smooth, axis) > KL_SAME_SIDE ? -hit.t : hit.t;
+            first = albedo;
+            hit_bits = kl_touch_of_object(s, surf.object) | KL_TOUCH_NONE << 24;
+        } else {
+            beta = kl_v3_mul(beta, albedo);
+            if (kl_is_black(beta)) break;
+            if (bounce == 1) hit_bits ^= (KL_TOUCH_NONE ^ kl_touch_of_object(s, surf.object)) << 24;
+        }
         const float choice = kl_sampler_1d(&sampler);
         const kl_vec2 u = kl_sampler_2d(&sampler);
-        sum = kl_v3_add(sum,
-                        kl_v3_mul(beta, kl_direct_lambert(s, &surf, kl_v3_splat(1.0f), choice, u)));
+        kl_u32 which;
+        const kl_vec3 here = kl_direct_lambert(s, &surf, choice, u, &which);
+        if (bounce == 0) {
+            direct = here;
+            light = which;
+        }
+        sum = kl_v3_add(sum, kl_v3_mul(beta, here));
         const float xi = kl_sampler_1d(&sampler);
         const kl_answer a = kl_cache_query(level1, &set->query, surf.pos, surf.smooth, surf.smooth);
         if (a.weight > 0.0f && hit.t > xi * set->length_scale * a.radius) {
             sum = kl_v3_mad(sum, KL_INV_PI, kl_v3_mul(beta, a.irr));
             break;
         }
+        if (kl_is_black(first)) break;
         if (bounce >= 1) {
-            const float go_on = kl_fmin(0.95f, kl_max3(beta));
+            const float go_on = kl_fmin(0.95f, kl_max3(kl_v3_mul(first, beta)));
             if (kl_sampler_1d(&sampler) >= go_on) break;
             beta = kl_v3_scale(beta, 1.0f / go_on);
         }
@@ -100,9 +142,11 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         if (!(kl_dot(dir, surf.geometric) > 0.0f)) break;
         ray = kl_ray_make(kl_offset_point(surf.pos, surf.geometric), dir, KL_INF);
     }
-    out.radiance[0] = sum.x;
-    out.radiance[1] = sum.y;
-    out.radiance[2] = sum.z;
+    out.radiance[0] = first.x * sum.x;
+    out.radiance[1] = first.y * sum.y;
+    out.radiance[2] = first.z * sum.z;
+    out.potential = kl_luminance(sum);
+    out.touch = hit_bits | kl_touch_of_direct(s, light, direct, sum);
     return out;
 }
 
@@ -125,6 +169,8 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
         none.radiance[1] = 0.0f;
         none.radiance[2] = 0.0f;
         none.distance = KL_INF;
+        none.potential = 0.0f;
+        none.touch = KL_NONE;
         return none;
     }
     const kl_vec3 origin = kl_offset_point(kl_v3_load(point->pos), ng);

@@ -11,6 +11,7 @@ typedef struct kl_light_sample {
     float distance;   /* [m], KL_INF: infinitely far */
     float pdf;        /* density over solid angle, choice of the light included; delta: of choice */
     int delta;        /* no other strategy can find it */
+    kl_u32 light;     /* index into lights */
 } kl_light_sample;
 
 /* --- The environment: lat-long, row 0 at +Y, centre column at -Z, +X to the right of it. --- */
@@ -389,6 +390,7 @@ KL_FN int kl_light_sample_one(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, floa
         ok = kl_light_sample_punctual(l, p, out);
     }
     out->pdf *= prob;
+    out->light = i;
     return ok && !kl_is_black(out->radiance);
 }
 

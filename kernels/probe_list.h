@@ -54,9 +54,9 @@
 #define KL_PROBE_GATHER(T, F)                                                                     \
     T(kl_gather_point) F(kl_gather_point, geometric) F(kl_gather_point, rot_sin)                  \
     T(kl_direction) F(kl_direction, index)                                                        \
-    T(kl_gather_cell) F(kl_gather_cell, distance)                                                 \
+    T(kl_gather_cell) F(kl_gather_cell, distance) F(kl_gather_cell, touch)                        \
     T(kl_gather_settings) F(kl_gather_settings, length_scale) F(kl_gather_settings, side)         \
-    F(kl_gather_settings, sets)                                                                   \
+    F(kl_gather_settings, sets) F(kl_gather_settings, touch)                                      \
     T(kl_gather_result) F(kl_gather_result, error) F(kl_gather_result, grad_t)                    \
     F(kl_gather_result, grad_r) F(kl_gather_result, harmonic) F(kl_gather_result, clearance)
 

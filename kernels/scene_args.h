@@ -32,6 +32,7 @@ KL_ASSERT_SIZE(kl_scene_scalars, 48);
     X(float, env_texels)                                                                           \
     X(float, env_rows)                                                                             \
     X(float, env_columns)                                                                          \
+    X(kl_u32, touch_bits)                                                                          \
     X(struct kl_bvh_node, bvh_nodes)                                                               \
     X(struct kl_bvh_leaf, bvh_leaves)                                                              \
     X(kl_u32, bvh_roots)

@@ -164,6 +164,7 @@ typedef struct kl_scene_view {
     const KL_GLOBAL float *env_texels;  /* 3 per texel, linear */
     const KL_GLOBAL float *env_rows;    /* height + 1: CDF over rows */
     const KL_GLOBAL float *env_columns; /* height x (width + 1): CDF in each row */
+    const KL_GLOBAL kl_u32 *touch_bits; /* of lights, then of objects: kernels/parts.h */
     kl_environment env;
     const KL_GLOBAL struct kl_bvh_node *bvh_nodes; /* kernels/bvh.h; NULL: Embree traces */
     const KL_GLOBAL struct kl_bvh_leaf *bvh_leaves;

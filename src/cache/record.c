@@ -49,6 +49,7 @@ void kl_record_pack(const kl_gather_point *point, const kl_gather_result *result
         cold->grad_r[k] = relative_half(result->grad_r[k], irr, 8.0f);
     }
     cold->raw_radius = raw;
+    memcpy(cold->touched, result->touched, sizeof cold->touched);
     cold->error_spacing = kl_float_to_half(fminf(result->error, 100.0f)) |
                           kl_float_to_half(fminf(spacing / raw, 60000.0f)) << 16;
     for (int k = 0; k < KL_SECTORS; ++k) {

@@ -23,6 +23,7 @@ struct kl_device_level {
 struct array_sizes {
     size_t positions, normals, tangents, uvs, colors, triangles, instances, materials, textures;
     size_t texels, srgb_table, lights, light_nodes, env_texels, env_rows, env_columns;
+    size_t touch_bits;
     size_t bvh_nodes, bvh_leaves, bvh_roots;
 };
 
@@ -49,6 +50,7 @@ static struct array_sizes count_items(const struct kl_flat *flat, const struct k
         .env_texels = 3 * width * height,
         .env_rows = width > 0 ? height + 1 : 0,
         .env_columns = width > 0 ? height * (width + 1) : 0,
+        .touch_bits = (size_t)flat->light_count + flat->object_count,
         .bvh_nodes = bvh->node_count,
         .bvh_leaves = bvh->leaf_count,
         .bvh_roots = bvh->root_count,

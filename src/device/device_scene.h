@@ -8,7 +8,7 @@
 #include "src/scene/flat.h"
 #include "src/trace/device_bvh.h"
 
-enum { KL_SCENE_ARG_COUNT = 20, KL_LEVEL_ARG_COUNT = 5 };
+enum { KL_SCENE_ARG_COUNT = 21, KL_LEVEL_ARG_COUNT = 5 };
 
 /* Uploaded once, or used in place where memory is shared: the flat scene and the trees stay
  * unchanged until destroy. */

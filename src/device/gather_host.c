@@ -17,6 +17,7 @@ static void gather_one(const struct kl_gather_job *job, const kl_grid_view *grid
             kl_gather_direction(job->scene, job->level1, &job->settings, point, &directions[cell]);
     }
     kl_reduce_record(cells, directions, grid, point, &job->results[i]);
+    kl_reduce_touched(cells, side * side, job->settings.touch, &job->results[i]);
 }
 
 kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err)

@@ -25,6 +25,8 @@ static const float spacing_px = 1.5f;
 static const float uncovered = 5e-4f;
 static const float length_scale = 2.0f;
 static const float gather_weight = 0.3f;
+/* Records of coarser runs serve finer ones too: dependence is judged by this error at most. */
+static const double touch_error = 0.02;
 enum { BATCH = 4096, DEFAULT_RAYS = 1024 };
 
 struct kl_renderer {
@@ -349,7 +351,9 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
         .cameras = fill->cameras,
         .camera_count = fill->camera_count,
         .tables = {r->tables[0], r->tables[1]},
-        .gather = {.query = gather_query(), .length_scale = length_scale},
+        .gather = {.query = gather_query(),
+                   .length_scale = length_scale,
+                   .touch = (float)(0.25 * fmin(r->settings.error, touch_error))},
         .query = {1.0f, cos_max, KL_INF},
         .least_weight = least_weight,
         .spacing_px = spacing_px,

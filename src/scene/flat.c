@@ -367,6 +367,7 @@ static void set_view(struct kl_flat *flat)
     v->env_texels = flat->env_texels;
     v->env_rows = flat->env_rows;
     v->env_columns = flat->env_columns;
+    v->touch_bits = flat->touch_bits;
 }
 
 kl_status kl_flat_create(const struct kl_scene *scene, const struct kl_pose *pose,
@@ -391,6 +392,11 @@ kl_status kl_flat_create(const struct kl_scene *scene, const struct kl_pose *pos
     set_bounds(flat);
     set_view(flat);
     st = kl_flat_add_lights(scene, pose, flat, err);
+    if (st != KL_OK) goto cleanup;
+    flat->object_count =
+        scene->instance_count > 0 ? scene->instances[scene->instance_count - 1].object + 1 : 0;
+    st = kl_alloc_array(&flat->touch_bits, (size_t)flat->light_count + flat->object_count,
+                        sizeof *flat->touch_bits, err);
     if (st != KL_OK) goto cleanup;
     set_view(flat);
     *out = flat;
@@ -421,6 +427,8 @@ void kl_flat_destroy(struct kl_flat *flat)
     free(flat->env_texels);
     free(flat->env_rows);
     free(flat->env_columns);
+    free(flat->light_sources);
+    free(flat->touch_bits);
     free(flat);
 }
 

@@ -26,6 +26,9 @@ struct kl_flat {
     kl_light *lights;
     kl_light_node *light_nodes;
     float *env_texels, *env_rows, *env_columns;
+    uint32_t object_count;
+    uint32_t *light_sources; /* per light: number of the scene's light or of the glowing object */
+    kl_u32 *touch_bits;      /* light_count + object_count; 0 until kl_scene_parts_init */
 };
 
 /* `origin`: the world position to use as render space's origin, kept for a whole sequence

@@ -87,15 +87,23 @@ static kl_light triangle_light(const struct kl_flat *flat, uint32_t triangle, kl
 
 struct light_list {
     kl_light *items;
-    size_t count, capacity;
+    uint32_t *sources; /* kl_flat.light_sources */
+    size_t count, capacity, source_capacity;
 };
 
-static kl_status push_light(struct light_list *list, const kl_light *light, struct kl_err *err)
+static kl_status push_light(struct light_list *list, const kl_light *light, uint32_t source,
+                            struct kl_err *err)
 {
     kl_status st =
         kl_grow_array(&list->items, &list->capacity, list->count + 1, sizeof *list->items, err);
-    if (st == KL_OK) list->items[list->count++] = *light;
-    return st;
+    if (st == KL_OK) {
+        st = kl_grow_array(&list->sources, &list->source_capacity, list->count + 1,
+                           sizeof *list->sources, err);
+    }
+    if (st != KL_OK) return st;
+    list->sources[list->count] = source;
+    list->items[list->count++] = *light;
+    return KL_OK;
 }
 
 /* Punctual lights of visible nodes; `far`: the directional ones or the others. */
@@ -109,7 +117,7 @@ static kl_status add_punctual(const struct kl_scene *scene, const struct kl_pose
         const kl_light light =
             punctual_light(in, pose->world_from_node + 16 * (size_t)in->node, flat->origin);
         if (!(kl_light_power(&light) > 0.0f)) continue;
-        kl_status st = push_light(list, &light, err);
+        kl_status st = push_light(list, &light, i, err);
         if (st != KL_OK) return st;
     }
     return KL_OK;
@@ -131,7 +139,7 @@ static kl_status add_triangles(struct kl_flat *flat, struct light_list *list, st
         const kl_light light = triangle_light(flat, t, color);
         if (!(kl_light_power(&light) > 0.0f) || !isfinite(kl_light_power(&light))) continue;
         flat->triangles[t].light = (uint32_t)list->count;
-        st = push_light(list, &light, err);
+        st = push_light(list, &light, flat->triangles[t].object, err);
     }
     free(means);
     return st;
@@ -191,7 +199,7 @@ static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *f
     flat->view.env = (kl_environment){env->width, env->height, (uint32_t)list->count, 1.0f};
     flat->view.needs |= KL_NEED_ENVIRONMENT;
     fill_cdfs(flat);
-    return push_light(list, &light, err);
+    return push_light(list, &light, KL_NONE, err);
 }
 
 /* From this share of the surfaces' area on, glowing ones count as enclosing. */
@@ -229,9 +237,11 @@ kl_status kl_flat_add_lights(const struct kl_scene *scene, const struct kl_pose 
     }
     if (st != KL_OK) {
         free(list.items);
+        free(list.sources);
         return st;
     }
     flat->lights = list.items;
+    flat->light_sources = list.sources;
     flat->light_count = (uint32_t)list.count;
     flat->view.light_count = flat->light_count;
     flat->view.far_count = (uint32_t)far_count;

@@ -272,7 +272,7 @@ static void digest_light(const struct kl_scene_light *light, const struct kl_pos
         const double power = light->color[k] * light->intensity;
         kl_hash_update(&h, &power, sizeof power);
     }
-    finish(&h, part->glow);
+    if (light->intensity > 0.0) finish(&h, part->glow);
 }
 
 static void digest_environment(const struct kl_flat *flat, kl_part *part)
@@ -366,8 +366,36 @@ static void fill_parts(const struct kl_scene *scene, const struct kl_pose *pose,
     set_boxes(flat, parts, out->object_count);
 }
 
+/* Tell rays which bit stands for what they meet. Lights of the scene that give no light have a part
+ * but no place among the flat ones. */
+static void set_touch_bits(const struct kl_scene *scene, const struct kl_scene_parts *parts,
+                           struct kl_flat *flat)
+{
+    const uint32_t lights = flat->light_count;
+
+    for (uint32_t i = 0; i < parts->object_count; ++i) {
+        flat->touch_bits[lights + i] = kl_part_hit_bit(&parts->items[i]);
+    }
+    for (uint32_t i = 0; i < lights; ++i) {
+        const uint32_t source = flat->light_sources[i];
+        uint32_t part = parts->object_count;
+        if (flat->lights[i].type == KL_LIGHT_ENVIRONMENT) {
+            flat->touch_bits[i] = KL_TOUCH_ENVIRONMENT;
+            continue;
+        }
+        if (flat->lights[i].type == KL_LIGHT_TRIANGLE) {
+            part = source;
+        } else {
+            for (uint32_t k = 0; k < source; ++k) {
+                part += scene->nodes[scene->lights[k].node].visible;
+            }
+        }
+        flat->touch_bits[i] = kl_part_light_bit(&parts->items[part]);
+    }
+}
+
 kl_status kl_parts_init(const struct kl_scene *scene, const struct kl_pose *pose,
-                        const struct kl_flat *flat, struct kl_scene_parts *out, struct kl_err *err)
+                        struct kl_flat *flat, struct kl_scene_parts *out, struct kl_err *err)
 {
     const uint32_t objects = count_objects(scene);
     const uint64_t most = (uint64_t)objects + scene->light_count + 2;
@@ -379,7 +407,10 @@ kl_status kl_parts_init(const struct kl_scene *scene, const struct kl_pose *pose
     kl_status st = kl_alloc_array(&out->items, (size_t)most, sizeof *out->items, err);
     if (st == KL_OK) st = kl_alloc_array(&names, (size_t)most, sizeof *names, err);
     if (st == KL_OK) st = shared_init(scene, &shared, err);
-    if (st == KL_OK) fill_parts(scene, pose, flat, &shared, names, out);
+    if (st == KL_OK) {
+        fill_parts(scene, pose, flat, &shared, names, out);
+        set_touch_bits(scene, out, flat);
+    }
     shared_fini(&shared);
     free(names);
     if (st != KL_OK) kl_parts_fini(out);

@@ -13,9 +13,10 @@ struct kl_scene_parts {
     uint32_t object_count;
 };
 
-/* The parts at the pose that `flat` was made from. *out is the caller's: kl_parts_fini. */
+/* The parts at the pose that `flat` was made from, whose touch_bits are set. *out is the caller's:
+ * kl_parts_fini. */
 kl_status kl_parts_init(const struct kl_scene *scene, const struct kl_pose *pose,
-                        const struct kl_flat *flat, struct kl_scene_parts *out,
+                        struct kl_flat *flat, struct kl_scene_parts *out,
                         struct kl_err *err) KL_MUST_CHECK;
 /* Note what records are gathered with, in words: once, as the last part. */
 void kl_parts_add_settings(struct kl_scene_parts *parts, const char *label);

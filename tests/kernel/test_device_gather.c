@@ -14,14 +14,15 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { POINTS = 300, SIDE = 16 };
+enum { POINTS = 300, SIDE = 16, THINGS = 12 };
 
 struct lit_scene {
     struct kl_flat *flat;
     float *normals;
     kl_material material;
-    kl_light lights[2]; /* the sun, a lamp */
-    kl_light_node root; /* the lamp's */
+    kl_light lights[2];      /* the sun, a lamp */
+    kl_light_node root;      /* the lamp's */
+    kl_u32 bits[2 + THINGS]; /* of the lights; of what lies in the landscape */
 };
 
 static kl_vec3 triangle_normal(const struct kl_flat *flat, uint32_t triangle)
@@ -74,7 +75,7 @@ static void add_lights(struct lit_scene *s)
 /* The landscape under a sun and a lamp, all of one grey material. */
 static void light_scene(struct lit_scene *s)
 {
-    struct kl_flat *flat = kl_test_landscape(64, 12);
+    struct kl_flat *flat = kl_test_landscape(64, THINGS);
 
     s->flat = flat;
     add_normals(s);
@@ -98,6 +99,14 @@ static void light_scene(struct lit_scene *s)
     flat->view.materials = &s->material;
     flat->view.lights = s->lights;
     flat->view.light_nodes = &s->root;
+    s->bits[0] = KL_TOUCH_OBJECTS;
+    s->bits[1] = KL_TOUCH_OBJECTS + 7;
+    for (kl_u32 i = 0; i < THINGS; ++i) {
+        s->bits[2 + i] = 3 * i;
+        flat->triangles[i].object = i; /* a few facets of the ground */
+    }
+    flat->object_count = THINGS;
+    flat->view.touch_bits = s->bits;
 }
 
 static void make_points(const struct kl_flat *flat, kl_gather_point *points)
@@ -133,6 +142,7 @@ static void compare_results(const kl_gather_result *host, const kl_gather_result
 {
     double sum_host = 0.0, sum_device = 0.0;
     int near = 0;
+    kl_u32 touched = 0;
 
     for (int i = 0; i < POINTS; ++i) {
         const kl_gather_result *a = &host[i];
@@ -148,6 +158,9 @@ static void compare_results(const kl_gather_result *host, const kl_gather_result
         const float bend = 1e-2f * (1e-3f + fabsf(a->grad_t[0]) + fabsf(a->grad_t[1]));
         same = same && is_near(a->grad_t[0], b->grad_t[0], bend);
         same = same && is_near(a->grad_t[1], b->grad_t[1], bend);
+        same = same && a->touched[0] == b->touched[0] && a->touched[1] == b->touched[1];
+        assert_int_equal(a->touched[1] & b->touched[1] & ~0x00810002u, 0);
+        touched |= a->touched[0] | a->touched[1];
         near += same;
     }
     (void)printf("%d of %d records agree; mean %.6f on the host, %.6f on the device\n", near,
@@ -155,6 +168,7 @@ static void compare_results(const kl_gather_result *host, const kl_gather_result
     assert_true(sum_host > 0.0);
     assert_true(fabs(sum_host - sum_device) <= 2e-3 * sum_host);
     assert_true(near >= POINTS * 9 / 10);
+    assert_true(touched != 0);
 }
 
 static void device_gathers_as_host(void **state)
@@ -184,7 +198,7 @@ static void device_gathers_as_host(void **state)
         .scene = &s.flat->view,
         .level1 = &none,
         .tables = tables,
-        .settings = {.query = {1.0f, 0.9f}, .length_scale = 1.0f, SIDE, tables->sets},
+        .settings = {.query = {1.0f, 0.9f}, .length_scale = 1.0f, SIDE, tables->sets, 0.005f},
         .points = points,
         .count = POINTS,
         .results = host,

@@ -22,7 +22,7 @@ static kl_gather_cell cell_of(double radiance, double distance)
 {
     const float l = (float)radiance;
     const float d = distance < 1e30 ? (float)distance : KL_INF;
-    return (kl_gather_cell){{l, l, l}, d};
+    return (kl_gather_cell){.radiance = {l, l, l}, .distance = d};
 }
 
 /* Distance to the rectangle [lx, hx] x [ly, hy] at height z, infinite where the ray misses. */
