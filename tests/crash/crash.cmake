@@ -1,0 +1,23 @@
+# The cache on disk under faults: calls that fail, power cuts, damage, kills, many writers. Files lie
+# in memory where they can: nothing here asks how fast a disk is.
+if(EXISTS /dev/shm)
+  set(crash_folder /dev/shm)
+else()
+  set(crash_folder /tmp)
+endif()
+
+# crash_test(NAME ...): a test that works in crash_folder. crash_many(NAME TARGET ARGS...): its
+# full counts.
+function(crash_test name)
+  kl_test(${name} SOURCES ${name}.c batch.c ${ARGN} LINK kl_cache_io kl_cache m)
+  set_tests_properties(crash.${name} PROPERTIES ENVIRONMENT TMPDIR=${crash_folder})
+endfunction()
+function(crash_many name)
+  add_test(NAME crash.${name}_many COMMAND ${name} ${ARGN})
+  set_tests_properties(crash.${name}_many PROPERTIES LABELS nightly TIMEOUT 3600
+                                                     ENVIRONMENT TMPDIR=${crash_folder})
+endfunction()
+
+crash_test(test_commit faults.c)
+crash_test(test_damage)
+crash_many(test_damage all)
