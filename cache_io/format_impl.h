@@ -63,7 +63,8 @@ enum section_type {
     SECTION_ROWS = 5,
     SECTION_SUPERSEDED = 6,
     SECTION_PARTS = 7,
-    SECTION_TYPES = 8,
+    SECTION_BIRTHS = 8,
+    SECTION_TYPES = 9,
 };
 
 /* The arrays of a level that have one item a record, in the order of the file. */
@@ -107,7 +108,8 @@ struct segment {
     size_t size; /* of the file */
     struct kl_level_arrays levels[KL_CACHE_LEVELS];
     void *salvaged[KL_CACHE_LEVELS][RECORD_ARRAYS];
-    const unsigned char *superseded; /* OLD_SIZE bytes each */
+    const uint32_t *births[KL_CACHE_LEVELS]; /* NULL: all are of this generation */
+    const unsigned char *superseded;         /* OLD_SIZE bytes each */
     size_t superseded_count;
     const kl_part *parts; /* of the scene; NULL: not in this segment */
     uint32_t part_count;
@@ -137,6 +139,7 @@ struct segment_plan {
     uint64_t generation;
     const struct kl_store_key *key;
     const struct kl_level_arrays *levels; /* KL_CACHE_LEVELS */
+    const uint32_t *const *births; /* KL_CACHE_LEVELS; NULL: none, in it: not of this level */
     size_t superseded_count;
     const struct segment_id *superseded;
     const kl_part *parts; /* NULL: left out */

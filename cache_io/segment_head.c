@@ -14,6 +14,7 @@ static const size_t item_sizes[SECTION_TYPES] = {
     [SECTION_ROWS] = sizeof(kl_u32),
     [SECTION_SUPERSEDED] = OLD_SIZE,
     [SECTION_PARTS] = sizeof(kl_part),
+    [SECTION_BIRTHS] = sizeof(uint32_t),
 };
 
 static bool is_record_array(uint32_t type)

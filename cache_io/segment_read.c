@@ -179,6 +179,23 @@ static kl_status take_octree(const struct reader *r, uint32_t l, struct segment 
     return KL_OK;
 }
 
+/* When the records of level l were first written. Numbers mean nothing once records are left out.
+ */
+static kl_status take_births(const struct reader *r, uint32_t l, struct segment *out,
+                             struct kl_err *err)
+{
+    const struct segment_section *section = &r->table.at[SECTION_BIRTHS][l];
+
+    if (section->count == 0) return KL_OK;
+    if (section->count != r->table.at[record_arrays[0].type][l].count) {
+        return kl_fail(err, KL_ERR_CORRUPT, "births of %" PRIu64 " records", section->count);
+    }
+    const uint64_t bad = count_bad(r, section);
+    out->damage.blocks += bad;
+    if (bad == 0 && out->damage.records[l] == 0) out->births[l] = array_get(r, section);
+    return KL_OK;
+}
+
 static kl_status take_superseded(const struct reader *r, struct segment *out, struct kl_err *err)
 {
     const struct segment_section *section = &r->table.at[SECTION_SUPERSEDED][0];
@@ -233,6 +250,7 @@ kl_status segment_parse(const void *data, size_t size, const struct segment_id *
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
         st = take_records(&r, l, out, err);
         if (st == KL_OK) st = take_octree(&r, l, out, err);
+        if (st == KL_OK) st = take_births(&r, l, out, err);
         if (st != KL_OK) {
             segment_fini(out);
             return kl_wrap(err, "level %u", l);

@@ -64,7 +64,12 @@ static void lay_out(const struct segment_plan *plan, const unsigned char *supers
 {
     memset(layout, 0, sizeof *layout);
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
+        const uint32_t count = plan->levels[l].record_count;
         add_level(layout, &plan->levels[l], l, plan->kind == SEGMENT_BASE);
+        if (count > 0 && plan->births != NULL && plan->births[l] != NULL) {
+            add_piece(layout, SECTION_BIRTHS, l, plan->births[l], count, sizeof **plan->births,
+                      false);
+        }
     }
     if (plan->superseded_count > 0) {
         add_piece(layout, SECTION_SUPERSEDED, 0, superseded, plan->superseded_count, OLD_SIZE,

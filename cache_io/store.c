@@ -190,6 +190,11 @@ size_t kl_store_segment_count(const struct kl_store *store)
     return store->segments.count;
 }
 
+static uint32_t birth_of(uint64_t generation)
+{
+    return generation < UINT32_MAX ? (uint32_t)generation : UINT32_MAX;
+}
+
 void kl_store_segment_get(const struct kl_store *store, size_t i,
                           struct kl_store_segment_info *info,
                           struct kl_level_arrays levels[KL_CACHE_LEVELS])
@@ -204,6 +209,8 @@ void kl_store_segment_get(const struct kl_store *store, size_t i,
         info->generation = segment->id.generation;
         info->is_base = segment->id.kind == SEGMENT_BASE;
         info->damage = segment->damage;
+        memcpy(info->births, segment->births, sizeof info->births);
+        info->born = birth_of(segment->id.generation);
         for (int l = 0; l < KL_CACHE_LEVELS; ++l) {
             info->records[l] = segment->levels[l].record_count;
             info->has_octree[l] = segment->levels[l].octree.record_count > 0;
@@ -255,7 +262,7 @@ uint64_t kl_store_bytes(const struct kl_store *store)
     return bytes;
 }
 
-static bool is_damaged(const struct segment *segment)
+bool segment_is_damaged(const struct segment *segment)
 {
     const struct kl_store_damage *d = &segment->damage;
 
@@ -267,7 +274,7 @@ size_t kl_store_damaged(const struct kl_store *store, const char **first)
     size_t damaged = store->reject_count;
 
     for (size_t i = 0; i < store->segments.count; ++i)
-        damaged += is_damaged(&store->segments.items[i]);
+        damaged += segment_is_damaged(&store->segments.items[i]);
     if (first != NULL) *first = damaged > 0 ? store->complaint : NULL;
     return damaged;
 }
@@ -276,7 +283,7 @@ void kl_store_get_damage(const struct kl_store *store, struct kl_store_damage *o
 {
     memset(out, 0, sizeof *out);
     for (size_t i = 0; i < store->reject_count; ++i) {
-        if (store->rejects[i].is_foreign) {
+        if (store->rejects[i].why == REJECT_FOREIGN) {
             ++out->foreign;
         } else {
             ++out->segments;

@@ -54,6 +54,9 @@ struct kl_store_segment_info {
     uint64_t bytes, generation;
     bool is_base, has_octree[KL_CACHE_LEVELS];
     uint32_t records[KL_CACHE_LEVELS];
+    /* The generation that each record was first written in; NULL: all in `born`. */
+    const uint32_t *births[KL_CACHE_LEVELS];
+    uint32_t born;
     struct kl_store_damage damage;
 };
 

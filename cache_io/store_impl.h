@@ -4,10 +4,16 @@
 
 #include "cache_io/format_impl.h"
 
+enum reject_why {
+    REJECT_DAMAGED, /* beyond use */
+    REJECT_VERSION, /* perhaps whole, but of another version of the format */
+    REJECT_FOREIGN, /* whole, but of another key */
+};
+
 /* A file of the directory that is left out. */
 struct store_reject {
     struct segment_id id;
-    bool is_foreign; /* whole, but of another key; else damaged beyond use */
+    enum reject_why why;
     char message[512];
 };
 
@@ -56,11 +62,21 @@ kl_status store_arrange(struct segment_list *segments, struct id_list *leftovers
 kl_status store_check_key(const struct kl_store_key *have, const struct kl_store_key *want,
                           const char *name, struct kl_err *err) KL_MUST_CHECK;
 void segment_list_fini(struct segment_list *list);
+bool segment_is_damaged(const struct segment *segment);
+/* Open to write with the key of what is there. */
+kl_status store_open_found(const char *dir, struct kl_store **out,
+                           struct kl_err *err) KL_MUST_CHECK;
 
-/* Publish one base with these levels in place of the segments `old` (sorted here), and remove them.
- * The store's list is not touched: store_load. */
+/* Publish one base with these levels (births: NULL, or as the format has them) in place of the
+ * segments `old` (sorted here), and remove them. The store's list is not touched: store_load. */
 kl_status store_replace(struct kl_store *store, struct id_list *old,
-                        const struct kl_level_arrays levels[KL_CACHE_LEVELS], struct segment *out,
+                        const struct kl_level_arrays levels[KL_CACHE_LEVELS],
+                        const uint32_t *const births[KL_CACHE_LEVELS], struct segment *out,
                         struct kl_err *err) KL_MUST_CHECK;
+/* births[l][i]: the generation that record i of levels[l] was first written in, judged by the
+ * store's segments: `next` where none has it. Free each. */
+kl_status store_find_births(const struct kl_store *store,
+                            const struct kl_level_arrays levels[KL_CACHE_LEVELS], uint32_t next,
+                            uint32_t *births[KL_CACHE_LEVELS], struct kl_err *err) KL_MUST_CHECK;
 
 #endif

@@ -33,7 +33,7 @@ static const struct segment *find_open(const struct segment_list *list, const st
     return NULL;
 }
 
-static kl_status reject(struct load *load, const struct segment_id *id, bool is_foreign,
+static kl_status reject(struct load *load, const struct segment_id *id, enum reject_why why,
                         const char *message, struct kl_err *err)
 {
     kl_status st = kl_grow_array(&load->rejects, &load->reject_capacity, load->reject_count + 1,
@@ -41,7 +41,7 @@ static kl_status reject(struct load *load, const struct segment_id *id, bool is_
     if (st != KL_OK) return st;
     struct store_reject *r = &load->rejects[load->reject_count++];
     r->id = *id;
-    r->is_foreign = is_foreign;
+    r->why = why;
     (void)!snprintf(r->message, sizeof r->message, "%s", message);
     return KL_OK;
 }
@@ -77,7 +77,7 @@ static kl_status open_one(struct load *load, const struct segment_id *id, struct
         load->other_major = true;
         load->version = *err;
     }
-    return reject(load, id, false, err->msg, err);
+    return reject(load, id, st == KL_ERR_VERSION ? REJECT_VERSION : REJECT_DAMAGED, err->msg, err);
 }
 
 /* Does `now` name a base that `before` does not? Both sorted. */
@@ -157,7 +157,7 @@ static kl_status leave_out(struct load *load, struct segment *segment, struct kl
         if (st == KL_OK) load->left.ids[load->left.count++] = segment->id;
     } else {
         (void)!store_check_key(&segment->key, &load->key, segment->name, &other);
-        st = reject(load, &segment->id, true, other.msg, err);
+        st = reject(load, &segment->id, REJECT_FOREIGN, other.msg, err);
     }
     if (!is_borrowed(load, segment)) segment_close(segment);
     return st;
@@ -200,7 +200,7 @@ static void note_complaint(struct kl_store *store)
     }
     for (size_t i = 0; i < store->segments.count; ++i) {
         const struct segment *s = &store->segments.items[i];
-        if (s->damage.headers + s->damage.blocks + s->damage.octrees == 0) continue;
+        if (!segment_is_damaged(s)) continue;
         (void)!snprintf(store->complaint, sizeof store->complaint, "%s: %llu blocks damaged",
                         s->name, (unsigned long long)s->damage.blocks);
         return;

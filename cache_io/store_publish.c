@@ -1,4 +1,5 @@
 /* Writing to a store: batches, and bases that take the place of others. */
+#include "cache_io/records.h"
 #include "cache_io/store_impl.h"
 #include "src/base/file.h"
 #include "src/base/file_calls.h"
@@ -96,7 +97,8 @@ static kl_status sweep_temp(void *context, const char *name, struct kl_err *err)
 }
 
 kl_status store_replace(struct kl_store *store, struct id_list *old,
-                        const struct kl_level_arrays levels[KL_CACHE_LEVELS], struct segment *out,
+                        const struct kl_level_arrays levels[KL_CACHE_LEVELS],
+                        const uint32_t *const births[KL_CACHE_LEVELS], struct segment *out,
                         struct kl_err *err)
 {
     struct kl_err ignored;
@@ -109,6 +111,7 @@ kl_status store_replace(struct kl_store *store, struct id_list *old,
         .generation = store->generation + 1,
         .key = &store->key,
         .levels = levels,
+        .births = births,
         .superseded_count = old->count,
         .superseded = old->ids,
         .parts = parts,
@@ -151,18 +154,17 @@ static kl_status collect_superseded(const struct kl_store *store, struct id_list
     return KL_OK;
 }
 
-kl_status kl_store_publish_base(struct kl_store *store,
-                                const struct kl_level_arrays levels[KL_CACHE_LEVELS],
-                                struct kl_err *err)
+/* The new base takes the place of all that the store holds. */
+static kl_status publish_base(struct kl_store *store,
+                              const struct kl_level_arrays levels[KL_CACHE_LEVELS],
+                              const uint32_t *const births[KL_CACHE_LEVELS], struct kl_err *err)
 {
     struct id_list old = {0};
     struct segment_list list = {.capacity = 16};
-    kl_status st = check_writable(store, err);
+    kl_status st = collect_superseded(store, &old, err);
 
-    if (st == KL_OK) st = check_levels(levels, true, err);
-    if (st == KL_OK) st = collect_superseded(store, &old, err);
     if (st == KL_OK) st = kl_alloc_array(&list.items, list.capacity, sizeof *list.items, err);
-    if (st == KL_OK) st = store_replace(store, &old, levels, &list.items[0], err);
+    if (st == KL_OK) st = store_replace(store, &old, levels, births, &list.items[0], err);
     if (st == KL_OK) {
         list.count = 1;
         const struct segment_list before = store->segments;
@@ -175,4 +177,37 @@ kl_status kl_store_publish_base(struct kl_store *store,
     free(old.ids);
     segment_list_fini(&list);
     return st;
+}
+
+kl_status kl_store_publish_base(struct kl_store *store,
+                                const struct kl_level_arrays levels[KL_CACHE_LEVELS],
+                                struct kl_err *err)
+{
+    uint32_t *births[KL_CACHE_LEVELS] = {NULL};
+    kl_status st = check_writable(store, err);
+
+    if (st == KL_OK) st = check_levels(levels, true, err);
+    if (st == KL_OK) {
+        const uint64_t next = store->generation + 1;
+        st = store_find_births(store, levels, next < UINT32_MAX ? (uint32_t)next : UINT32_MAX,
+                               births, err);
+    }
+    if (st == KL_OK) st = publish_base(store, levels, (const uint32_t *const *)births, err);
+    for (int l = 0; l < KL_CACHE_LEVELS; ++l)
+        free(births[l]);
+    return st;
+}
+
+kl_status kl_store_publish_records(struct kl_store *store, const struct kl_records *records,
+                                   struct kl_err *err)
+{
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
+    const uint32_t *births[KL_CACHE_LEVELS];
+    kl_status st = check_writable(store, err);
+
+    kl_records_get(records, levels);
+    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l)
+        births[l] = kl_records_births(records, l);
+    if (st == KL_OK) st = check_levels(levels, false, err);
+    return st == KL_OK ? publish_base(store, levels, births, err) : st;
 }

@@ -1,4 +1,5 @@
-/* cache info: what a cache holds. */
+/* cache info: what a cache holds, segment by segment: who wrote them, when, and with what. Who and
+ * when are what the file system says. */
 #include "cache_io/store.h"
 #include "src/app/cache_stores.h"
 #include "src/app/commands.h"
@@ -8,7 +9,11 @@
 #include <float.h>
 #include <jansson.h>
 #include <math.h>
+#include <pwd.h>
 #include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <time.h>
 
 /* One store, or the sum of the stores of a moving scene. */
 struct summary {
@@ -16,7 +21,61 @@ struct summary {
     uint64_t records[KL_CACHE_LEVELS];
     uint64_t segments, bytes, generation, damaged, stores;
     double box_min[3], box_max[3]; /* [m] world; empty while there is no record */
+    uint32_t oldest;               /* generation that the oldest record was first written in */
+    json_t *history;               /* segments */
 };
+
+/* Owner and time of last change of a segment's file; "?" where the system does not say. */
+static void find_origin(const char *dir, const char *name, char who[64], char when[32])
+{
+    char path[4096];
+    struct stat info;
+    struct tm utc;
+
+    (void)snprintf(who, 64, "?");
+    (void)snprintf(when, 32, "?");
+    const int n = snprintf(path, sizeof path, "%s/%s", dir, name);
+    if (n < 0 || (size_t)n >= sizeof path || stat(path, &info) != 0) return;
+    const struct passwd *user =
+        getpwuid(info.st_uid); /* NOLINT(concurrency-mt-unsafe): one thread */
+    if (user != NULL) {
+        (void)snprintf(who, 64, "%s", user->pw_name);
+    } else {
+        (void)snprintf(who, 64, "%lu", (unsigned long)info.st_uid);
+    }
+    if (gmtime_r(&info.st_mtime, &utc) != NULL) {
+        (void)strftime(when, 32, "%Y-%m-%dT%H:%M:%SZ", &utc);
+    }
+}
+
+static json_t *describe_segment(const char *dir, const struct kl_store_segment_info *info)
+{
+    char who[64];
+    char when[32];
+    json_t *records = json_array();
+
+    find_origin(dir, info->name, who, when);
+    for (int l = 0; l < KL_CACHE_LEVELS; ++l) {
+        (void)json_array_append_new(records, json_integer((json_int_t)info->records[l]));
+    }
+    return json_pack("{s:s,s:s,s:I,s:I,s:o,s:b,s:s,s:s,s:s,s:I}", "name", info->name, "kind",
+                     info->is_base ? "base" : "delta", "generation", (json_int_t)info->generation,
+                     "bytes", (json_int_t)info->bytes, "records", records, "indexed",
+                     info->has_octree[0] || info->has_octree[1], "program", info->program, "who",
+                     who, "when", when, "damaged_blocks", (json_int_t)info->damage.blocks);
+}
+
+static uint32_t oldest_of(const struct kl_store_segment_info *info)
+{
+    uint32_t oldest = info->born;
+
+    for (int l = 0; l < KL_CACHE_LEVELS; ++l) {
+        for (uint32_t i = 0; info->births[l] != NULL && i < info->records[l]; ++i) {
+            if (info->births[l][i] < oldest) oldest = info->births[l][i];
+        }
+    }
+    return oldest;
+}
 
 static void add_box(struct summary *s, const struct kl_level_arrays *level, const double origin[3])
 {
@@ -29,7 +88,7 @@ static void add_box(struct summary *s, const struct kl_level_arrays *level, cons
     }
 }
 
-static void add_summary(struct summary *s, const struct kl_store *store)
+static void add_summary(struct summary *s, const char *path, const struct kl_store *store)
 {
     kl_store_key_get(store, &s->key);
     for (size_t i = 0; i < kl_store_segment_count(store); ++i) {
@@ -40,6 +99,9 @@ static void add_summary(struct summary *s, const struct kl_store *store)
             s->records[l] += levels[l].record_count;
             add_box(s, &levels[l], s->key.origin);
         }
+        const uint32_t oldest = oldest_of(&info);
+        if (oldest < s->oldest) s->oldest = oldest;
+        (void)json_array_append_new(s->history, describe_segment(path, &info));
         ++s->segments;
     }
     const uint64_t generation = kl_store_generation(store);
@@ -52,7 +114,9 @@ static void add_summary(struct summary *s, const struct kl_store *store)
 static kl_status summarise(const char *dir, struct summary *out, struct kl_err *err)
 {
     struct kl_cache_stores stores = {0};
-    struct summary s = {.box_min = {DBL_MAX, DBL_MAX, DBL_MAX},
+    struct summary s = {.oldest = UINT32_MAX,
+                        .history = json_array(),
+                        .box_min = {DBL_MAX, DBL_MAX, DBL_MAX},
                         .box_max = {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
     kl_status st = kl_cache_stores_find(dir, &stores, err);
 
@@ -60,11 +124,15 @@ static kl_status summarise(const char *dir, struct summary *out, struct kl_err *
         struct kl_store *store = NULL;
         st = kl_store_open(stores.paths[i], KL_STORE_READ, NULL, &store, err);
         if (st != KL_OK) break;
-        add_summary(&s, store);
+        add_summary(&s, stores.paths[i], store);
         kl_store_close(store);
     }
     kl_cache_stores_fini(&stores);
-    if (st == KL_OK) *out = s;
+    if (st == KL_OK) {
+        *out = s;
+    } else {
+        json_decref(s.history);
+    }
     return st;
 }
 
@@ -77,6 +145,7 @@ static uint64_t total_records(const struct summary *s)
     return sum;
 }
 
+/* Takes s->history. */
 static json_t *describe(const char *dir, const struct summary *s)
 {
     char scene[KL_HASH_HEX_SIZE];
@@ -93,12 +162,29 @@ static json_t *describe(const char *dir, const struct summary *s)
     }
     kl_hash_to_hex(s->key.scene, KL_DIGEST_SIZE, scene);
     kl_hash_to_hex(s->key.settings, KL_DIGEST_SIZE, settings);
-    return json_pack("{s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:s,s:s,s:o,s:o,s:[fff]}", "path", dir,
+    return json_pack("{s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:s,s:s,s:o,s:o,s:[fff],s:o}", "path", dir,
                      "records", (json_int_t)total_records(s), "segments", (json_int_t)s->segments,
                      "bytes", (json_int_t)s->bytes, "generation", (json_int_t)s->generation,
-                     "damaged", (json_int_t)s->damaged, "stores", (json_int_t)s->stores,
-                     "scene_digest", scene, "settings_digest", settings, "levels", levels, "box",
-                     box, "origin", s->key.origin[0], s->key.origin[1], s->key.origin[2]);
+                     "oldest", (json_int_t)(total_records(s) > 0 ? s->oldest : 0), "damaged",
+                     (json_int_t)s->damaged, "stores", (json_int_t)s->stores, "scene_digest", scene,
+                     "settings_digest", settings, "levels", levels, "box", box, "origin",
+                     s->key.origin[0], s->key.origin[1], s->key.origin[2], "history", s->history);
+}
+
+static void print_history(const json_t *history)
+{
+    size_t i = 0;
+    const json_t *segment = NULL;
+
+    json_array_foreach(history, i, segment)
+    {
+        (void)printf("segment     %s: %lld bytes, %s by %s with %s\n",
+                     json_string_value(json_object_get(segment, "name")),
+                     (long long)json_integer_value(json_object_get(segment, "bytes")),
+                     json_string_value(json_object_get(segment, "when")),
+                     json_string_value(json_object_get(segment, "who")),
+                     json_string_value(json_object_get(segment, "program")));
+    }
 }
 
 static void print_text(const char *dir, const struct summary *s)
@@ -114,12 +200,14 @@ static void print_text(const char *dir, const struct summary *s)
     (void)printf("segments    %llu, %llu damaged\n", (unsigned long long)s->segments,
                  (unsigned long long)s->damaged);
     (void)printf("bytes       %llu\n", (unsigned long long)s->bytes);
-    (void)printf("generation  %llu\n", (unsigned long long)s->generation);
+    (void)printf("generation  %llu, oldest records of %lu\n", (unsigned long long)s->generation,
+                 (unsigned long)(total_records(s) > 0 ? s->oldest : 0));
     if (s->stores > 1) {
         (void)printf("instants    %llu\n", (unsigned long long)s->stores);
     }
     (void)printf("scene       %s\n", scene);
     (void)printf("settings    %s\n", settings);
+    print_history(s->history);
     if (total_records(s) == 0) return;
     (void)printf("box         %.4g %.4g %.4g to %.4g %.4g %.4g m\n", s->box_min[0], s->box_min[1],
                  s->box_min[2], s->box_max[0], s->box_max[1], s->box_max[2]);

@@ -267,6 +267,7 @@ static kl_status run_job(const struct kl_options *options, bool renders, struct 
     struct run run = {0};
     kl_status st = start_run(&run, options, renders, err);
     const bool started = st == KL_OK;
+    run.job.must_keep = !renders;
 
     if (st == KL_OK && (!renders || run.to_render > 0)) {
         st = do_frames(&run, err);

@@ -14,6 +14,10 @@ kl_status kl_command_cache_info(const struct kl_options *options, struct kl_err 
 kl_status kl_command_cache_check(const struct kl_options *options,
                                  struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_flicker(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_command_cache_merge(const struct kl_options *options,
+                                 struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_command_cache_prune(const struct kl_options *options,
+                                 struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_sheet(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 
 #endif

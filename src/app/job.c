@@ -141,7 +141,8 @@ static kl_status open_cache(struct kl_job *job, struct kl_err *err)
     if (state.damaged > 0) {
         char line[KL_JOB_PATH_SIZE + 128];
         (void)snprintf(line, sizeof line,
-                       "%s: %zu damaged segments left out; 'keeplight cache check' names them",
+                       "%s: %zu segments are damaged or foreign; what is whole of them is used; "
+                       "'keeplight cache check' names them",
                        job->cache_dir, state.damaged);
         kl_say_warning(NULL, line);
     }
@@ -181,6 +182,19 @@ static bool note_fill(void *context, int stage, double done, uint32_t records)
     return kl_progress_update(progress, done);
 }
 
+static void tell_lost(struct kl_job *job)
+{
+    struct kl_cache_state state;
+    char line[KL_JOB_PATH_SIZE + 640];
+
+    kl_renderer_get_cache(job->renderer, &state);
+    if (state.lost == NULL || job->told_lost) return;
+    (void)snprintf(line, sizeof line, "%s: records are not kept any more: %s", job->cache_dir,
+                   state.lost);
+    kl_say_warning(NULL, line);
+    job->told_lost = true;
+}
+
 kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill_stats *stats,
                       struct kl_err *err)
 {
@@ -196,9 +210,11 @@ kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill
     const struct kl_renderer_fill fill = {.cameras = cameras,
                                           .camera_count = (uint32_t)count,
                                           .keep = job->keeps,
+                                          .must_keep = job->must_keep,
                                           .progress = note_fill,
                                           .progress_context = &job->progress};
     st = kl_renderer_fill(job->renderer, &fill, stats, err);
+    if (st == KL_OK) tell_lost(job);
     job->progress.records = kl_job_records(job);
     free(cameras);
     return st;

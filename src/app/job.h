@@ -31,6 +31,8 @@ struct kl_job {
                                                 filled; and written */
     bool is_open;                            /* the cache of the present instant */
     uint64_t open_count;
+    bool must_keep;  /* what is not kept on disk is worth nothing: bake */
+    bool told_lost;  /* that the disk takes no more */
     uint32_t loaded; /* records that the last opening found */
     struct kl_progress progress;
 };

@@ -33,9 +33,20 @@ static const struct command {
      "what a cache holds"},
     {"cache",
      "check",
-     {"keeplight cache check", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_JSON},
+     {"keeplight cache check", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_CACHE_CHECK},
      kl_command_cache_check,
-     "whether a cache is whole"},
+     "whether a cache is whole; repair it"},
+    {"cache",
+     "merge",
+     {"keeplight cache merge", "CACHE CACHE... -o CACHE [OPTIONS]", 1, MANY,
+      KL_OPTIONS_CACHE_MERGE},
+     kl_command_cache_merge,
+     "one cache from several of one scene"},
+    {"cache",
+     "prune",
+     {"keeplight cache prune", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_CACHE_PRUNE},
+     kl_command_cache_prune,
+     "drop records by age, place or size"},
     {"compare",
      NULL,
      {"keeplight compare", "TEST.exr REFERENCE.exr [OPTIONS]", 2, 2, KL_OPTIONS_COMPARE},
@@ -131,7 +142,7 @@ static kl_status dispatch(int argc, char **argv, struct kl_err *err)
     }
     const struct command *command = find_command(argc, argv, &words);
     if (command == NULL && strcmp(argv[1], "cache") == 0) {
-        return kl_fail(err, KL_ERR_USAGE, "cache: expected info or check");
+        return kl_fail(err, KL_ERR_USAGE, "cache: expected info, check, merge or prune");
     }
     if (command == NULL) {
         return kl_fail(err, KL_ERR_USAGE, "'%s' is not a command; see keeplight --help", argv[1]);

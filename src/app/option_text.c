@@ -50,6 +50,54 @@ kl_status kl_option_read_number(const char *option, const char *text, double lea
     return KL_OK;
 }
 
+kl_status kl_option_read_bytes(const char *option, const char *text, uint64_t *out,
+                               struct kl_err *err)
+{
+    static const char units[] = "KMG";
+    unsigned long long value = 0;
+    const char *end = NULL;
+    bool sound = read_digits(text, 1ull << 33, &value, &end);
+    const char *unit = sound && *end != '\0' ? strchr(units, *end) : NULL;
+
+    if (unit != NULL) {
+        value <<= 10 * (unit - units + 1);
+        ++end;
+    }
+    sound = sound && *end == '\0' && value > 0;
+    if (!sound) {
+        return kl_fail(err, KL_ERR_USAGE, "--%s: '%s' is not a number of bytes such as 500M",
+                       option, text);
+    }
+    *out = value;
+    return KL_OK;
+}
+
+kl_status kl_option_read_box(const char *option, const char *text, double out[2][3],
+                             struct kl_err *err)
+{
+    const char *next = text;
+    bool sound = true;
+
+    for (int i = 0; i < 6 && sound; ++i) {
+        char *end = NULL;
+        const double x = strtod(next, &end);
+        sound = end != next && isfinite(x) && *end == (i < 5 ? ',' : '\0');
+        out[i / 3][i % 3] = x;
+        next = end + 1;
+    }
+    if (!sound) {
+        return kl_fail(err, KL_ERR_USAGE, "--%s: '%s' is not two corners such as 0,0,0,1,2.5,3",
+                       option, text);
+    }
+    for (int k = 0; k < 3; ++k) {
+        const double a = out[0][k];
+        const double b = out[1][k];
+        out[0][k] = fmin(a, b);
+        out[1][k] = fmax(a, b);
+    }
+    return KL_OK;
+}
+
 kl_status kl_option_read_size(const char *option, const char *text, uint32_t *width,
                               uint32_t *height, struct kl_err *err)
 {

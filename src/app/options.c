@@ -46,6 +46,12 @@ enum option_id {
     OPT_COLUMNS,
     OPT_REDUCE,
     OPT_EXPOSURE,
+    OPT_REPAIR,
+    OPT_OUTPUT,
+    OPT_OLDER_THAN,
+    OPT_MAX_BYTES,
+    OPT_INSIDE,
+    OPT_OUTSIDE,
     OPT_REFERENCE,
     OPT_LAYER,
     OPT_PLOT,
@@ -142,10 +148,31 @@ static const struct poptOption flicker_options[] = {
     POPT_TABLEEND,
 };
 
+static const struct poptOption check_options[] = {
+    FLAG("repair", OPT_REPAIR, "Drop what is damaged, keep the rest, say what was lost"), JSON,
+    HELP, POPT_TABLEEND};
+static const struct poptOption merge_options[] = {
+    {"output", 'o', POPT_ARG_STRING, NULL, OPT_OUTPUT, "The new cache", "DIR.klc"},
+    JSON,
+    HELP,
+    POPT_TABLEEND,
+};
+static const struct poptOption prune_options[] = {
+    TEXT("older-than", OPT_OLDER_THAN, "Records first kept more than N generations ago", "N"),
+    TEXT("inside", OPT_INSIDE, "Records inside a box: two corners in metres", "X,Y,Z,X,Y,Z"),
+    TEXT("outside", OPT_OUTSIDE, "Records outside a box", "X,Y,Z,X,Y,Z"),
+    TEXT("max-bytes", OPT_MAX_BYTES, "The oldest and worst, until N bytes are left; K, M, G", "N"),
+    JSON,
+    HELP,
+    POPT_TABLEEND,
+};
+
 static const struct poptOption *const option_sets[] = {
-    [KL_OPTIONS_RENDER] = render_options,   [KL_OPTIONS_SCENE] = scene_options,
-    [KL_OPTIONS_COMPARE] = compare_options, [KL_OPTIONS_JSON] = json_options,
-    [KL_OPTIONS_SHEET] = sheet_options,     [KL_OPTIONS_FLICKER] = flicker_options,
+    [KL_OPTIONS_CACHE_CHECK] = check_options, [KL_OPTIONS_CACHE_MERGE] = merge_options,
+    [KL_OPTIONS_CACHE_PRUNE] = prune_options, [KL_OPTIONS_RENDER] = render_options,
+    [KL_OPTIONS_SCENE] = scene_options,       [KL_OPTIONS_COMPARE] = compare_options,
+    [KL_OPTIONS_JSON] = json_options,         [KL_OPTIONS_SHEET] = sheet_options,
+    [KL_OPTIONS_FLICKER] = flicker_options,
 };
 
 /* The names before the synonyms: kl_cache_mode_name takes the first. */
@@ -236,6 +263,7 @@ static void set_flag(struct kl_options *o, int id)
     if (id == OPT_HELP) o->help = true;
     if (id == OPT_PNG) o->png = true;
     if (id == OPT_OVERWRITE) o->overwrite = true;
+    if (id == OPT_REPAIR) o->repair = true;
 }
 
 /* Options whose value is a number. */
@@ -266,6 +294,10 @@ static kl_status set_number(struct kl_options *o, int id, const char *text, stru
         return kl_duration_parse(text, &o->time_limit, err);
     case OPT_COLUMNS:
         return kl_option_read_u32("columns", text, 1, 1000, &o->columns, err);
+    case OPT_OLDER_THAN:
+        return kl_option_read_u32("older-than", text, 1, UINT32_MAX, &o->older_than, err);
+    case OPT_MAX_BYTES:
+        return kl_option_read_bytes("max-bytes", text, &o->max_bytes, err);
     case OPT_REDUCE:
         return kl_option_read_u32("reduce", text, 1, 64, &o->reduce, err);
     case OPT_MASK_ABOVE:
@@ -302,6 +334,12 @@ static kl_status set_option(struct kl_options *o, int id, const char *text, stru
         return set_text(&o->report, text, err);
     case OPT_DIFF:
         return set_text(&o->diff, text, err);
+    case OPT_OUTPUT:
+        return set_text(&o->output, text, err);
+    case OPT_INSIDE:
+        return set_text(&o->inside, text, err);
+    case OPT_OUTSIDE:
+        return set_text(&o->outside, text, err);
     case OPT_REFERENCE:
         return set_text(&o->reference, text, err);
     case OPT_LAYER:
@@ -321,6 +359,7 @@ static kl_status set_option(struct kl_options *o, int id, const char *text, stru
     case OPT_PNG:
     case OPT_OVERWRITE:
     case OPT_RESUME:
+    case OPT_REPAIR:
         set_flag(o, id);
         return KL_OK;
     default:
@@ -490,10 +529,10 @@ kl_status kl_options_parse(int argc, const char **argv, const struct kl_option_u
 void kl_options_fini(struct kl_options *options)
 {
     struct kl_options *o = options;
-    char *const texts[] = {o->command_line, o->env,       o->animation, o->camera,    o->path,
-                           o->cache,        o->device,    o->preset,    o->out,       o->aov,
-                           o->report,       o->json_file, o->diff,      o->reference, o->layer,
-                           o->plot,         o->heat};
+    char *const texts[] = {o->output,    o->inside,    o->outside, o->command_line, o->env,
+                           o->animation, o->camera,    o->path,    o->cache,        o->device,
+                           o->preset,    o->out,       o->aov,     o->report,       o->json_file,
+                           o->diff,      o->reference, o->layer,   o->plot,         o->heat};
 
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; ++i) {
         free(texts[i]);

@@ -62,7 +62,12 @@ struct kl_options {
     bool json; /* --json was given; without a file: to stdout */
     char *json_file, *diff;
     char *reference, *layer, *plot, *heat;
-    size_t reference_at;         /* arguments that came before --reference */
+    size_t reference_at; /* arguments that came before --reference */
+    bool repair;
+    char *output;
+    uint32_t older_than;         /* generations, 0: any age */
+    uint64_t max_bytes;          /* 0: any size */
+    char *inside, *outside;      /* boxes: x,y,z,x,y,z */
     double mask_above, exposure; /* [nit], 0: no mask; [stops] */
     uint32_t columns, reduce;
 };
@@ -73,6 +78,9 @@ enum kl_option_set {
     KL_OPTIONS_COMPARE,
     KL_OPTIONS_JSON,
     KL_OPTIONS_SHEET,
+    KL_OPTIONS_CACHE_CHECK,
+    KL_OPTIONS_CACHE_MERGE,
+    KL_OPTIONS_CACHE_PRUNE,
     KL_OPTIONS_FLICKER,
 };
 

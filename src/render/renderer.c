@@ -1,5 +1,6 @@
 #include "src/render/renderer.h"
 
+#include "cache_io/records.h"
 #include "src/base/clock.h"
 #include "src/base/hash.h"
 #include "src/base/memory.h"
@@ -41,6 +42,8 @@ struct kl_renderer {
     struct kl_gatherer *gatherer;
     struct kl_gather_tables *tables[KL_CACHE_LEVELS];
     uint8_t scene_digest[KL_HASH_SIZE], settings_digest[KL_HASH_SIZE];
+    bool must_keep;         /* of the fill under way */
+    char lost[512];         /* why nothing more is kept on disk; "": it is */
     struct kl_cache *cache; /* declared before the store it may borrow from: closed first */
     struct kl_store *store;
 };
@@ -219,9 +222,43 @@ void kl_renderer_get_info(const struct kl_renderer *renderer, struct kl_renderer
     memcpy(info->settings_digest, renderer->settings_digest, KL_DIGEST_SIZE);
 }
 
-/* Take over what a store holds: a lone base in place, anything else copied and indexed. */
+/* Is the store one base with all its octrees, which can be served from in place? */
+static bool is_compact(const struct kl_store *store)
+{
+    struct kl_store_segment_info info;
+
+    if (kl_store_segment_count(store) != 1 || kl_store_damaged(store, NULL) > 0) return false;
+    kl_store_segment_get(store, 0, &info, NULL);
+    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
+        if (info.records[l] > 0 && !info.has_octree[l]) return false;
+    }
+    return info.is_base;
+}
+
+/* Take over what a store of several segments holds: each place once, copied and indexed. */
+static kl_status adopt_merged(struct kl_renderer *r, struct kl_err *err)
+{
+    struct kl_records *records = NULL;
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
+    uint64_t merged = 0;
+    kl_status st = kl_records_create(&records, err);
+
+    if (st == KL_OK) st = kl_records_add_store(records, r->store, err);
+    if (st == KL_OK) st = kl_records_merge(records, &merged, err);
+    if (st == KL_OK) kl_records_get(records, levels);
+    for (uint32_t l = 0; st == KL_OK && l < KL_CACHE_LEVELS; ++l) {
+        if (levels[l].record_count == 0) continue;
+        st = kl_cache_insert(r->cache, l, levels[l].hot, levels[l].cold, levels[l].record_count,
+                             err);
+    }
+    kl_records_destroy(records);
+    return st == KL_OK ? kl_cache_finish(r->cache, err) : st;
+}
+
+/* Take over what a store holds: a lone base in place. */
 static kl_status adopt_store(struct kl_renderer *r, struct kl_err *err)
 {
+    if (kl_store_segment_count(r->store) > 1) return adopt_merged(r, err);
     const size_t n = kl_store_segment_count(r->store);
     kl_status st = KL_OK;
     for (size_t i = 0; st == KL_OK && i < n; ++i) {
@@ -253,6 +290,14 @@ static void store_path(const struct kl_renderer *r, const char *dir, char *out, 
     }
 }
 
+/* A disk that does not take what is kept costs the keeping, not the frames. */
+static kl_status may_go_on(struct kl_renderer *r, kl_status st, const struct kl_err *err)
+{
+    if (st != KL_ERR_IO || r->must_keep) return st;
+    (void)snprintf(r->lost, sizeof r->lost, "%s", err->msg);
+    return KL_OK;
+}
+
 static struct kl_cache_settings cache_settings(const struct kl_renderer *r)
 {
     struct kl_cache_settings s = {
@@ -279,6 +324,7 @@ kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
     memcpy(key.origin, r->origin, sizeof key.origin);
     store_path(r, dir, path, sizeof path);
     st = kl_store_open(path, mode, &key, &r->store, err);
+    if (st == KL_ERR_IO && mode != KL_STORE_READ) return may_go_on(r, st, err);
     if (st == KL_ERR_STALE) {
         const struct kl_stale_query query = {path, &key, &r->parts};
         return kl_stale_explain(&query, err);
@@ -293,6 +339,7 @@ void kl_renderer_get_cache(const struct kl_renderer *renderer, struct kl_cache_s
     for (uint32_t l = 0; renderer->cache != NULL && l < KL_CACHE_LEVELS; ++l) {
         state->records[l] = kl_cache_count(renderer->cache, l);
     }
+    state->lost = renderer->lost[0] != '\0' ? renderer->lost : NULL;
     if (renderer->store == NULL) return;
     state->generation = kl_store_generation(renderer->store);
     state->bytes = kl_store_bytes(renderer->store);
@@ -307,7 +354,7 @@ static kl_status keep_batch(void *context, uint32_t level, const kl_record_hot *
     levels[level].record_count = count;
     levels[level].hot = hot;
     levels[level].cold = cold;
-    return kl_store_append(r->store, levels, err);
+    return may_go_on(r, r->lost[0] == '\0' ? kl_store_append(r->store, levels, err) : KL_OK, err);
 }
 
 /* Put the finished cache into one base segment and serve from it. */
@@ -321,7 +368,7 @@ static kl_status publish(struct kl_renderer *r, struct kl_err *err)
         levels[l] = kl_cache_get_arrays(r->cache, l);
     }
     st = kl_store_publish_base(r->store, levels, err);
-    if (st != KL_OK) return st;
+    if (st != KL_OK) return may_go_on(r, st, err);
     kl_cache_destroy(r->cache);
     r->cache = NULL;
     st = kl_cache_create(&settings, &r->cache, err);
@@ -367,11 +414,12 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
         .progress_context = fill->progress_context,
     };
     *stats = (struct kl_fill_stats){0};
+    r->must_keep = fill->must_keep;
     kl_status st = kl_fill(&job, stats, err);
     if (st != KL_OK) return st;
     const double start = kl_seconds();
     const bool grown = stats->added[0] + stats->added[1] > 0;
-    if (keep && grown) st = publish(r, err);
+    if (keep && r->lost[0] == '\0' && (grown || !is_compact(r->store))) st = publish(r, err);
     stats->insert_seconds += kl_seconds() - start;
     return st;
 }

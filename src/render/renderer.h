@@ -61,14 +61,16 @@ kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
 struct kl_cache_state {
     uint32_t records[KL_CACHE_LEVELS];
     uint64_t generation, bytes; /* on disk */
-    size_t damaged;             /* segments left out */
+    size_t damaged;             /* segments left out, in whole or in part */
+    const char *lost;           /* why nothing more is kept on disk, NULL: it is; borrowed */
 };
 void kl_renderer_get_cache(const struct kl_renderer *renderer, struct kl_cache_state *state);
 
 struct kl_renderer_fill {
     const struct kl_camera *cameras; /* one per frame that will be rendered */
     uint32_t camera_count;
-    bool keep; /* write batches and the finished cache to the store */
+    bool keep;      /* write batches and the finished cache to the store */
+    bool must_keep; /* fail where the disk refuses; else go on in memory (kl_cache_state.lost) */
     bool (*progress)(void *context, int stage, double done, uint32_t records);
     void *progress_context;
 };

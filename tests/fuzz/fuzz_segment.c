@@ -13,7 +13,7 @@ static void touch(const struct kl_level_arrays *level, volatile kl_u32 *sink)
         *sink ^= level->cold[i].touched[0];
     for (uint32_t i = 0; i < level->octree.slot_count; ++i) {
         if (level->slots[i].tag == 0) continue;
-        const kl_u32 *row = level->rows + level->slots[i].row;
+        const kl_u32 *row = level->rows + level->slots[i].row + 1; /* behind the check word */
         /* The ends are enough: all between is checked by the same run length. */
         if (row[0] > 0) *sink ^= level->hot[row[1]].object ^ level->hot[row[row[0]]].object;
     }
