@@ -128,8 +128,8 @@ bool records_are_valid(const struct kl_level_arrays *level, uint32_t first, uint
 
 static bool part_is_valid(const kl_part *part)
 {
-    bool ok =
-        part->kind < KL_PART_KINDS && part->pad == 0 && part->label[KL_PART_LABEL - 1] == '\0';
+    bool ok = part->kind < KL_PART_KINDS && isfinite(part->power) && part->power >= 0.0f &&
+              part->label[KL_PART_LABEL - 1] == '\0';
 
     for (int k = 0; k < 3; ++k) {
         ok = ok && isfinite(part->box_min[k]) && isfinite(part->box_max[k]) &&

@@ -15,7 +15,7 @@
 /* Digests are 64 bits each; 0: the part has nothing of the kind. */
 typedef struct kl_part {
     kl_u32 kind;       /* KL_PART_* */
-    kl_u32 pad;        /* 0 */
+    float power;       /* luminance that it sends, to compare with itself; >= 0 */
     kl_u32 name[2];    /* who it is: kind, name, and which one of that name */
     kl_u32 shape[2];   /* mesh; of a light: its type, range and cone */
     kl_u32 place[2];   /* where it is at this instant, bones and morphs included */

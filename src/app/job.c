@@ -115,6 +115,22 @@ void kl_job_fini(struct kl_job *job)
     *job = (struct kl_job){0};
 }
 
+/* Once: what of a cache of an earlier edition of the scene could be used. */
+static void say_revision(struct kl_job *job)
+{
+    struct kl_renderer_revision r;
+    char line[KL_JOB_PATH_SIZE + 512];
+
+    if (job->said_revision || !kl_renderer_get_revision(job->renderer, &r)) return;
+    (void)snprintf(line, sizeof line,
+                   "%s: the scene was edited since: %s: of %u records %u kept, %u gathered again, "
+                   "%u dropped",
+                   job->cache_dir, r.text, r.had, r.kept, r.refreshed,
+                   r.had - r.kept - r.refreshed);
+    kl_say_warning(NULL, line);
+    job->said_revision = true;
+}
+
 static kl_status open_cache(struct kl_job *job, struct kl_err *err)
 {
     static const enum kl_store_mode modes[] = {
@@ -146,6 +162,7 @@ static kl_status open_cache(struct kl_job *job, struct kl_err *err)
                        job->cache_dir, state.damaged);
         kl_say_warning(NULL, line);
     }
+    if (!job->fills) say_revision(job);
     job->loaded = kl_job_records(job);
     job->is_open = true;
     ++job->open_count;
@@ -216,6 +233,7 @@ kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill
     st = kl_renderer_fill(job->renderer, &fill, stats, err);
     if (st == KL_OK) tell_lost(job);
     job->progress.records = kl_job_records(job);
+    if (st == KL_OK) say_revision(job);
     free(cameras);
     return st;
 }

@@ -29,7 +29,8 @@ struct kl_job {
     char cache_dir[KL_JOB_PATH_SIZE];        /* where the cache lies, if it lies anywhere */
     bool has_cache, has_store, fills, keeps; /* indirect light from a cache; which is on disk; is
                                                 filled; and written */
-    bool is_open;                            /* the cache of the present instant */
+    bool said_revision;
+    bool is_open; /* the cache of the present instant */
     uint64_t open_count;
     bool must_keep;  /* what is not kept on disk is worth nothing: bake */
     bool told_lost;  /* that the disk takes no more */

@@ -109,8 +109,8 @@ kl_status kl_report_add_frame(struct kl_report *report, const struct kl_report_f
                   f->fill.gather_seconds, "insert", f->fill.insert_seconds, "shade",
                   f->shade_seconds, "write", f->write_seconds);
     json_t *records = json_pack("{s:I,s:I,s:I,s:I}", "loaded", integer(f->loaded), "added",
-                                integer(added_by(&f->fill)), "refreshed", integer(0), "late",
-                                integer(f->counts.late));
+                                integer(added_by(&f->fill)), "refreshed",
+                                integer(f->fill.refreshed), "late", integer(f->counts.late));
     json_t *rays =
         json_pack("{s:I,s:I,s:I,s:I}", "primary", integer(f->fill.primary_rays + f->counts.primary),
                   "shadow", integer(f->counts.shadow), "gather", integer(f->fill.gather_rays),

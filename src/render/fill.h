@@ -41,7 +41,8 @@ struct kl_fill_stats {
     uint64_t primary_rays, gather_rays;
     uint32_t added[KL_CACHE_LEVELS];
     uint32_t batches;
-    double uncovered; /* share of pixels at the end, worst frame */
+    double uncovered;   /* share of pixels at the end, worst frame */
+    uint32_t refreshed; /* records gathered again where they are, after an edit of the scene */
     double visibility_seconds, gather_seconds, insert_seconds;
 };
 

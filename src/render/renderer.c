@@ -5,10 +5,10 @@
 #include "src/base/hash.h"
 #include "src/base/memory.h"
 #include "src/render/gatherer.h"
-#include "src/render/stale.h"
+#include "src/render/revision.h"
 #include "src/scene/digest.h"
 #include "src/scene/flat.h"
-#include "src/scene/parts.h"
+#include "src/scene/scene_parts.h"
 #include "src/trace/tracer.h"
 
 #include <math.h>
@@ -46,6 +46,9 @@ struct kl_renderer {
     char lost[512];         /* why nothing more is kept on disk; "": it is */
     struct kl_cache *cache; /* declared before the store it may borrow from: closed first */
     struct kl_store *store;
+    struct kl_revision *revision; /* NULL: the cache is of this edition of the scene */
+    bool revised;
+    struct kl_revision_summary summary; /* of the revision, if revised */
 };
 
 /* Radius over raw radius for an error to aim at. The first-order extrapolation is off by about
@@ -113,6 +116,9 @@ static void close_cache(struct kl_renderer *r)
 {
     kl_cache_destroy(r->cache);
     kl_store_close(r->store);
+    kl_revision_close(r->revision);
+    r->revision = NULL;
+    r->revised = false;
     r->cache = NULL;
     r->store = NULL;
 }
@@ -143,6 +149,12 @@ void kl_renderer_destroy(struct kl_renderer *renderer)
 bool kl_renderer_is_moving(const struct kl_renderer *renderer)
 {
     return renderer->moving;
+}
+
+/* Share of a record's light from which on it depends on a part of the scene. */
+static float touch_share(const struct kl_renderer *r)
+{
+    return (float)(0.25 * fmin(r->settings.error, touch_error));
 }
 
 /* What the scene is made of, and how records are gathered in it. */
@@ -307,6 +319,42 @@ static struct kl_cache_settings cache_settings(const struct kl_renderer *r)
     return s;
 }
 
+/* Queries of what the camera sees take all records, with enlarged radii; those of gather rays are
+ * averaged over a hemisphere, so a few records do. */
+static kl_query eye_query(void)
+{
+    return (kl_query){reach, cos_max, KL_INF};
+}
+static kl_query gather_query(void)
+{
+    return (kl_query){1.0f, cos_max, gather_weight};
+}
+
+/* A cache that is not of this scene as it stands: use what holds of it, if it is of an earlier
+ * edition. */
+static kl_status open_revision(struct kl_renderer *r, const char *path, enum kl_store_mode mode,
+                               const struct kl_store_key *key, struct kl_err *err)
+{
+    const struct kl_cache_settings settings = cache_settings(r);
+    const struct kl_revision_query query = {.stale = {path, key, &r->parts},
+                                            .scene = &r->flat->view,
+                                            .settings = &settings,
+                                            .query = gather_query(),
+                                            .touch = touch_share(r)};
+    kl_status st = kl_revision_open(&query, &r->revision, err);
+
+    if (st != KL_OK) return st;
+    r->revised = true;
+    kl_revision_get_summary(r->revision, &r->summary);
+    kl_cache_destroy(r->cache);
+    r->cache = NULL;
+    st = kl_revision_serve(r->revision, &r->cache, err);
+    if (st != KL_OK || mode == KL_STORE_READ) return st;
+    st = kl_store_open(path, KL_STORE_REVISE, key, &r->store, err);
+    if (st == KL_ERR_IO) return may_go_on(r, st, err);
+    return st == KL_OK ? kl_store_parts_set(r->store, r->parts.items, r->parts.count, err) : st;
+}
+
 kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
                                  enum kl_store_mode mode, struct kl_err *err)
 {
@@ -325,10 +373,7 @@ kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
     store_path(r, dir, path, sizeof path);
     st = kl_store_open(path, mode, &key, &r->store, err);
     if (st == KL_ERR_IO && mode != KL_STORE_READ) return may_go_on(r, st, err);
-    if (st == KL_ERR_STALE) {
-        const struct kl_stale_query query = {path, &key, &r->parts};
-        return kl_stale_explain(&query, err);
-    }
+    if (st == KL_ERR_STALE) return open_revision(r, path, mode, &key, err);
     if (st == KL_OK) st = kl_store_parts_set(r->store, r->parts.items, r->parts.count, err);
     return st == KL_OK ? adopt_store(r, err) : st;
 }
@@ -344,6 +389,17 @@ void kl_renderer_get_cache(const struct kl_renderer *renderer, struct kl_cache_s
     state->generation = kl_store_generation(renderer->store);
     state->bytes = kl_store_bytes(renderer->store);
     state->damaged = kl_store_damaged(renderer->store, NULL);
+}
+
+bool kl_renderer_get_revision(const struct kl_renderer *renderer,
+                              struct kl_renderer_revision *revision)
+{
+    const struct kl_revision_summary *s = &renderer->summary;
+    if (!renderer->revised) return false;
+    *revision =
+        (struct kl_renderer_revision){.had = s->had, .kept = s->kept, .refreshed = s->again};
+    memcpy(revision->text, s->text, sizeof revision->text);
+    return true;
 }
 
 static kl_status keep_batch(void *context, uint32_t level, const kl_record_hot *hot,
@@ -375,15 +431,23 @@ static kl_status publish(struct kl_renderer *r, struct kl_err *err)
     return st == KL_OK ? adopt_store(r, err) : st;
 }
 
-/* Queries of what the camera sees take all records, with enlarged radii; those of gather rays are
- * averaged over a hemisphere, so a few records do. */
-static kl_query eye_query(void)
+/* Bring the cache of an earlier edition up to date, and only then replace what lies on disk. */
+static kl_status revise(struct kl_renderer *r, const struct kl_fill_job *job,
+                        struct kl_fill_stats *stats, struct kl_err *err)
 {
-    return (kl_query){reach, cos_max, KL_INF};
-}
-static kl_query gather_query(void)
-{
-    return (kl_query){1.0f, cos_max, gather_weight};
+    struct kl_cache *cache = NULL;
+    kl_status st = kl_revision_fill(r->revision, job, &cache, stats, err);
+
+    if (st != KL_OK) return st;
+    kl_revision_get_summary(r->revision, &r->summary);
+    stats->refreshed = r->summary.again;
+    kl_cache_destroy(r->cache);
+    r->cache = cache;
+    if (job->keep_batch != NULL) st = publish(r, err);
+    if (st != KL_OK) return st;
+    kl_revision_close(r->revision);
+    r->revision = NULL;
+    return KL_OK;
 }
 
 kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_renderer_fill *fill,
@@ -391,16 +455,13 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
 {
     struct kl_renderer *r = renderer;
     const bool keep = fill->keep && r->store != NULL;
-    const struct kl_fill_job job = {
+    struct kl_fill_job job = {
         .scene = &r->flat->view,
-        .cache = r->cache,
         .scene_radius = r->flat->radius,
         .cameras = fill->cameras,
         .camera_count = fill->camera_count,
         .tables = {r->tables[0], r->tables[1]},
-        .gather = {.query = gather_query(),
-                   .length_scale = length_scale,
-                   .touch = (float)(0.25 * fmin(r->settings.error, touch_error))},
+        .gather = {.query = gather_query(), .length_scale = length_scale, .touch = touch_share(r)},
         .query = {1.0f, cos_max, KL_INF},
         .least_weight = least_weight,
         .spacing_px = spacing_px,
@@ -415,7 +476,9 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
     };
     *stats = (struct kl_fill_stats){0};
     r->must_keep = fill->must_keep;
-    kl_status st = kl_fill(&job, stats, err);
+    kl_status st = r->revision != NULL ? revise(r, &job, stats, err) : KL_OK;
+    job.cache = r->cache;
+    if (st == KL_OK) st = kl_fill(&job, stats, err);
     if (st != KL_OK) return st;
     const double start = kl_seconds();
     const bool grown = stats->added[0] + stats->added[1] > 0;

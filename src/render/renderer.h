@@ -66,6 +66,17 @@ struct kl_cache_state {
 };
 void kl_renderer_get_cache(const struct kl_renderer *renderer, struct kl_cache_state *state);
 
+/* A cache that was made for an earlier edition of the scene: what was edited, how many records it
+ * had, and how many of them were kept; `refreshed` more are gathered again where they are. False:
+ * the open cache is of this edition. The first fill brings it up to date; before it, the numbers
+ * are of what the records' own rays met. */
+struct kl_renderer_revision {
+    char text[256];
+    uint32_t had, kept, refreshed;
+};
+bool kl_renderer_get_revision(const struct kl_renderer *renderer,
+                              struct kl_renderer_revision *revision);
+
 struct kl_renderer_fill {
     const struct kl_camera *cameras; /* one per frame that will be rendered */
     uint32_t camera_count;

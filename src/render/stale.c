@@ -30,53 +30,62 @@ static kl_status explain_settings(const struct kl_stale_query *query, const kl_p
                    had, has, advice);
 }
 
-static kl_status explain_parts(const struct kl_stale_query *query, const kl_part *old,
-                               uint32_t old_count, bool moved, struct kl_err *err)
+/* Same settings, perhaps another origin. */
+static kl_status compare_parts(const struct kl_stale_query *query, const kl_part *old,
+                               uint32_t old_count, bool moved, struct kl_parts_edits *edits,
+                               struct kl_err *err)
 {
-    struct kl_parts_edits edits = {0};
     char text[256];
 
     if (old_count == 0 || query->parts->count == 0) {
         return kl_fail(err, KL_ERR_STALE, "%s: made for another scene; %s", query->dir, advice);
     }
     kl_status st =
-        kl_parts_compare(old, old_count, query->parts->items, query->parts->count, &edits, err);
-    if (st == KL_OK && !edits.is_same_scene) {
-        st = kl_fail(err, KL_ERR_STALE,
-                     "%s: made for another scene: %u of its %u objects are in this one; %s",
-                     query->dir, edits.common, edits.old_objects, advice);
-    } else if (st == KL_OK) {
-        kl_parts_edits_describe(&edits, text, sizeof text);
-        st = kl_fail(err, KL_ERR_STALE, "%s: the scene was edited since: %s%s; %s", query->dir,
-                     edits.count > 0 ? text : "something that is no object or light",
-                     moved ? ", which moved the centre of its bounds" : "", advice);
+        kl_parts_compare(old, old_count, query->parts->items, query->parts->count, edits, err);
+    if (st != KL_OK) return st;
+    if (!edits->is_same_scene) {
+        return kl_fail(err, KL_ERR_STALE,
+                       "%s: made for another scene: %u of its %u objects are in this one; %s",
+                       query->dir, edits->common, edits->old_objects, advice);
     }
-    kl_parts_edits_fini(&edits);
-    return st;
+    kl_parts_edits_describe(edits, text, sizeof text);
+    if (moved) {
+        return kl_fail(err, KL_ERR_STALE,
+                       "%s: the scene was edited since: %s, which moved the centre of its bounds; "
+                       "%s",
+                       query->dir, text, advice);
+    }
+    if (edits->count == 0) {
+        return kl_fail(err, KL_ERR_STALE,
+                       "%s: the scene was edited since, but no object and no light; %s", query->dir,
+                       advice);
+    }
+    return KL_OK;
 }
 
-kl_status kl_stale_explain(const struct kl_stale_query *query, struct kl_err *err)
+kl_status kl_stale_open(const struct kl_stale_query *query, struct kl_store **out,
+                        struct kl_parts_edits *edits, struct kl_err *err)
 {
     struct kl_store *store = NULL;
     struct kl_store_key had;
-    struct kl_err failure;
     uint32_t count = 0;
 
-    if (kl_store_open(query->dir, KL_STORE_READ, NULL, &store, &failure) != KL_OK) {
-        return KL_ERR_STALE;
-    }
+    *edits = (struct kl_parts_edits){0};
+    kl_status st = kl_store_open(query->dir, KL_STORE_READ, NULL, &store, err);
+    if (st != KL_OK) return st;
     kl_store_key_get(store, &had);
     const kl_part *old = kl_store_parts_get(store, &count);
-    const bool moved = memcmp(had.origin, query->key->origin, sizeof had.origin) != 0;
-    kl_status st = KL_ERR_STALE;
     if (memcmp(had.settings, query->key->settings, sizeof had.settings) != 0) {
-        st = explain_settings(query, old, count, &failure);
-    } else if (moved || memcmp(had.scene, query->key->scene, sizeof had.scene) != 0) {
-        st = explain_parts(query, old, count, moved, &failure);
+        st = explain_settings(query, old, count, err);
     } else {
-        failure = *err;
+        const bool moved = memcmp(had.origin, query->key->origin, sizeof had.origin) != 0;
+        st = compare_parts(query, old, count, moved, edits, err);
     }
-    kl_store_close(store);
-    if (st == KL_ERR_STALE) *err = failure;
-    return KL_ERR_STALE;
+    if (st != KL_OK) {
+        kl_parts_edits_fini(edits);
+        kl_store_close(store);
+        return st;
+    }
+    *out = store;
+    return KL_OK;
 }

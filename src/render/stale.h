@@ -3,7 +3,7 @@
 #define KL_SRC_RENDER_STALE_H
 
 #include "cache_io/store.h"
-#include "src/scene/parts.h"
+#include "src/scene/scene_parts.h"
 
 /* What is asked of the cache in `dir`, and with what it is compared. */
 struct kl_stale_query {
@@ -12,9 +12,11 @@ struct kl_stale_query {
     const struct kl_scene_parts *parts;
 };
 
-/* Put into words why the store of `query` was refused: settings, origin, another scene, or which
- * parts of this one were edited. Always returns KL_ERR_STALE, with the reason in *err; where the
- * store cannot be read any more, what *err says already stays. */
-kl_status kl_stale_explain(const struct kl_stale_query *query, struct kl_err *err);
+/* A store that was refused as stale: open it for what it was made for, and compare. KL_OK: made for
+ * an earlier edition of the scene; *edits, which borrow from *out and the query, say what differs;
+ * both are the caller's (kl_parts_edits_fini, then kl_store_close). KL_ERR_STALE: another scene,
+ * other settings, another origin: *err says which. */
+kl_status kl_stale_open(const struct kl_stale_query *query, struct kl_store **out,
+                        struct kl_parts_edits *edits, struct kl_err *err) KL_MUST_CHECK;
 
 #endif

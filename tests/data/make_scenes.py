@@ -316,6 +316,48 @@ def gallery(path, columns=14, ring=20):
     g.camera("still", math.radians(52), 16 / 9, translation=[-1.0, 1.7, 9.5], rotation=look_at((-1.0, 1.7, 9.5), (1.6, 1.5, 0)))
     g.write(path)
 
+def exhibition(path):
+    """A hall of 100 objects, each with a material of its own: a shell, partitions with passages between six bays, panels of light
+    in each, plinths with blocks on them, pictures on the walls. Cameras: one along the hall, one at an exhibit."""
+    g = Glb()
+    count = 0
+    L, W, H, bays = 24.0, 10.0, 4.0, 6
+    hue = lambda i: tuple(0.25 + 0.45 * (0.5 + 0.5 * math.sin(2.4 * i + k * 2.1)) for k in range(3))
+    def add(name, faces, color, at=(0, 0, 0)):
+        nonlocal count
+        m = g.material(name, color)
+        g.node(name, mesh=g.mesh(name, [(m, *quads(faces))]), translation=list(at))
+        count += 1
+    shell = box((-W/2, 0, -L/2), (W/2, H, L/2), True)
+    for name, face in zip(("south", "north", "east", "west", "ceiling", "floor"), shell):
+        add(name, [face], (0.4, 0.36, 0.32) if name == "floor" else (0.65, 0.63, 0.6))
+    step = L / bays
+    for i in range(1, bays):  # two halves of a wall, a passage of 2.4 m between them
+        z = -L/2 + i * step
+        add("partition left %d" % i, box((-W/2 + 0.02, 0.01, z - 0.1), (-1.2, H - 0.01, z + 0.1)), (0.6, 0.6, 0.62))
+        add("partition right %d" % i, box((1.2, 0.01, z - 0.1), (W/2 - 0.02, H - 0.01, z + 0.1)), (0.6, 0.6, 0.62))
+    light = g.material("panel", (0.0, 0.0, 0.0), (14.0, 13.0, 11.0))
+    for i in range(bays):
+        z = -L/2 + (i + 0.5) * step
+        g.node("panel %d" % i, mesh=g.mesh("panel %d" % i, lamp(g, light, [
+            [(-0.8, H-0.02, z-0.8), (0.8, H-0.02, z-0.8), (0.8, H-0.02, z+0.8), (-0.8, H-0.02, z+0.8)]])))
+        count += 1
+        for k, x in enumerate((-3.6, -2.2, 2.2, 3.6)):
+            n = 4 * i + k
+            add("plinth %d" % n, box((-0.25, 0.005, -0.25), (0.25, 0.9, 0.25)), (0.6, 0.58, 0.55), (x, 0, z))
+            add("exhibit %d" % n, box((-0.2, 0.91, -0.2), (0.2, 1.0 + 0.1 * (n % 4), 0.2)), hue(n), (x, 0, z))
+        for k, s in enumerate((-1, 1)):
+            n = 2 * i + k
+            x = s * (W/2 - 0.03)
+            for row in range(2):
+                add("picture %d.%d" % (n, row), box((x - 0.02, 1.2 + 1.1 * row, z - 0.5), (x + 0.02, 2.1 + 1.1 * row, z + 0.5)), hue(50 + 2 * n + row))
+    while count < 100:
+        add("bench %d" % count, box((-0.5, 0.005, -0.2), (0.5, 0.45, 0.2)), hue(count), (0, 0, -L/2 + (count - 93.5) * step))
+    assert count == 100
+    g.camera("hall", math.radians(60), 16 / 9, translation=[0, 1.7, L/2 - 0.5], rotation=look_at((0, 1.7, L/2 - 0.5), (0, 1.4, 0)))
+    g.camera("exhibit", math.radians(50), 16 / 9, translation=[-0.9, 1.6, 2.6], rotation=look_at((-0.9, 1.6, 2.6), (-3.6, 1.0, 2.0)))
+    g.write(path)
+
 def prism(sides, radius, lo, hi):
     """Upright prism as flat-shaded quads, with a lid."""
     at = lambda i, y: (radius * math.cos(2 * math.pi * i / sides), y, -radius * math.sin(2 * math.pi * i / sides))
@@ -391,6 +433,7 @@ SCENES = {
     "two-rooms.glb": two_rooms,
     "two-rooms-thin.glb": lambda p: two_rooms(p, 1e-5),
     "gallery.glb": gallery,
+    "exhibition.glb": exhibition,
     "still-life.glb": still_life,
     "sky.exr": sky,
     "path.json": lambda p: text(p, json.dumps({"keys": [

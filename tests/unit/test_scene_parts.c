@@ -5,7 +5,7 @@
 
 #include <cmocka.h>
 
-#include "src/scene/parts.h"
+#include "src/scene/scene_parts.h"
 #include <stdio.h>
 #include <string.h>
 

@@ -1,7 +1,7 @@
 /* What a scene is made of, as digests by which an edited scene is told from the one that a cache
  * was made for: objects, lights, environment (kernels/parts.h). */
-#ifndef KL_SRC_SCENE_PARTS_H
-#define KL_SRC_SCENE_PARTS_H
+#ifndef KL_SRC_SCENE_SCENE_PARTS_H
+#define KL_SRC_SCENE_SCENE_PARTS_H
 
 #include "kernels/parts.h"
 #include "src/scene/flat.h"

@@ -1,4 +1,4 @@
-#include "src/scene/parts.h"
+#include "src/scene/scene_parts.h"
 
 #include "src/base/hash.h"
 #include "src/base/memory.h"
@@ -96,14 +96,34 @@ static void digest_glow(const struct kl_scene *scene, const kl_material *m,
     out[1] = 0;
     if (is_black(m->emission) || (m->flags & KL_MAT_UNLIT)) return;
     kl_hash_init(&h);
+    const uint32_t two_sided = m->flags & KL_MAT_DOUBLE_SIDED;
     kl_hash_update(&h, m->emission, sizeof m->emission);
+    kl_hash_update(&h, &two_sided, sizeof two_sided);
     add_texture(&h, scene, &m->tex[KL_TEX_EMISSIVE], images);
+    finish(&h, out);
+}
+
+/* Where a surface lets light through belongs to its shape. All 0: nowhere. */
+static void digest_holes(const struct kl_scene *scene, const kl_material *m,
+                         const kl_u32 (*images)[2], kl_u32 out[2])
+{
+    const uint32_t mode = m->flags & (KL_MAT_ALPHA_MASK | KL_MAT_ALPHA_BLEND);
+    struct kl_hash h;
+
+    out[0] = 0;
+    out[1] = 0;
+    if (mode == 0) return;
+    kl_hash_init(&h);
+    kl_hash_update(&h, &mode, sizeof mode);
+    kl_hash_update(&h, &m->alpha_cutoff, sizeof m->alpha_cutoff);
+    kl_hash_update(&h, &m->base_color[3], sizeof m->base_color[3]);
+    add_texture(&h, scene, &m->tex[KL_TEX_BASE_COLOR], images);
     finish(&h, out);
 }
 
 /* Digests that several objects share. */
 struct shared {
-    kl_u32 (*meshes)[2], (*surfaces)[2], (*glows)[2], (*images)[2];
+    kl_u32 (*meshes)[2], (*surfaces)[2], (*glows)[2], (*holes)[2], (*images)[2];
 };
 
 static void shared_fini(struct shared *s)
@@ -111,6 +131,7 @@ static void shared_fini(struct shared *s)
     free(s->meshes);
     free(s->surfaces);
     free(s->glows);
+    free(s->holes);
     free(s->images);
 }
 
@@ -122,6 +143,7 @@ static kl_status shared_init(const struct kl_scene *scene, struct shared *s, str
         st = kl_alloc_array(&s->surfaces, scene->material_count, sizeof *s->surfaces, err);
     }
     if (st == KL_OK) st = kl_alloc_array(&s->glows, scene->material_count, sizeof *s->glows, err);
+    if (st == KL_OK) st = kl_alloc_array(&s->holes, scene->material_count, sizeof *s->holes, err);
     if (st == KL_OK) st = kl_alloc_array(&s->images, scene->image_count, sizeof *s->images, err);
     if (st != KL_OK) return st;
     for (uint32_t i = 0; i < scene->image_count; ++i) {
@@ -137,6 +159,7 @@ static kl_status shared_init(const struct kl_scene *scene, struct shared *s, str
     for (uint32_t i = 0; i < scene->material_count; ++i) {
         digest_surface(scene, &scene->materials[i], images, s->surfaces[i]);
         digest_glow(scene, &scene->materials[i], images, s->glows[i]);
+        digest_holes(scene, &scene->materials[i], images, s->holes[i]);
     }
     for (uint32_t i = 0; i < scene->mesh_count; ++i) {
         digest_mesh(&scene->meshes[i], s->meshes[i]);
@@ -226,6 +249,7 @@ static uint32_t digest_object(const struct kl_scene *scene, const struct kl_pose
     struct kl_hash surface;
     struct kl_hash glow;
     bool glows = false;
+    float power = 0.0f;
     uint32_t i = first;
 
     kl_hash_init(&shape);
@@ -237,10 +261,12 @@ static uint32_t digest_object(const struct kl_scene *scene, const struct kl_pose
          ++i) {
         const struct kl_mesh *mesh = &scene->meshes[scene->instances[i].mesh];
         add_digest(&shape, shared->meshes[scene->instances[i].mesh]);
+        add_digest(&shape, shared->holes[mesh->material]);
         add_place(&place, scene, pose, i);
         add_digest(&surface, shared->surfaces[mesh->material]);
         add(&surface, mesh->colors, 4 * (size_t)mesh->vertex_count, sizeof *mesh->colors);
         add_digest(&glow, shared->glows[mesh->material]);
+        power += kl_luminance(kl_v3_load(scene->materials[mesh->material].emission));
         glows =
             glows || shared->glows[mesh->material][0] != 0 || shared->glows[mesh->material][1] != 0;
     }
@@ -248,6 +274,7 @@ static uint32_t digest_object(const struct kl_scene *scene, const struct kl_pose
     finish(&place, part->place);
     finish(&surface, part->surface);
     if (glows) finish(&glow, part->glow);
+    part->power = fminf(power, FLT_MAX);
     return i;
 }
 
@@ -273,6 +300,9 @@ static void digest_light(const struct kl_scene_light *light, const struct kl_pos
         kl_hash_update(&h, &power, sizeof power);
     }
     if (light->intensity > 0.0) finish(&h, part->glow);
+    const double luminance =
+        0.2126 * light->color[0] + 0.7152 * light->color[1] + 0.0722 * light->color[2];
+    part->power = (float)fmin(fmax(light->intensity * luminance, 0.0), (double)FLT_MAX);
 }
 
 static void digest_environment(const struct kl_flat *flat, kl_part *part)

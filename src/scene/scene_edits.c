@@ -1,5 +1,5 @@
 #include "src/base/memory.h"
-#include "src/scene/parts.h"
+#include "src/scene/scene_parts.h"
 
 #include <stdio.h>
 #include <stdlib.h>
