@@ -75,8 +75,8 @@ kl_status kl_store_append(struct kl_store *store,
     return st;
 }
 
-/* Remove a writer's temp file that is older than the directory's last change by TEMP_LIFE_S: both
- * times are the file system's, so no machine's clock counts. */
+/* Remove a writer's temp file, or a claim, that is older than the directory's last change by
+ * TEMP_LIFE_S: both times are the file system's, so no machine's clock counts. */
 static kl_status sweep_temp(void *context, const char *name, struct kl_err *err)
 {
     const struct kl_store *store = context;
@@ -84,7 +84,8 @@ static kl_status sweep_temp(void *context, const char *name, struct kl_err *err)
     struct stat dir;
 
     (void)err;
-    if (!segment_is_temp(name)) return KL_OK;
+    const char *bare = name[0] == '.' ? name + 1 : name;
+    if (!segment_is_temp(name) && strncmp(bare, "claim-", 6) != 0) return KL_OK;
     const int fd = kl_file_open_at(store->dir_fd, name, O_RDONLY);
     if (fd < 0) return KL_OK;
     const bool known =

@@ -6,6 +6,7 @@
 #include "src/base/memory.h"
 #include "src/render/gatherer.h"
 #include "src/render/revision.h"
+#include "src/render/turn.h"
 #include "src/scene/digest.h"
 #include "src/scene/flat.h"
 #include "src/scene/scene_parts.h"
@@ -413,10 +414,30 @@ static kl_status keep_batch(void *context, uint32_t level, const kl_record_hot *
     return may_go_on(r, r->lost[0] == '\0' ? kl_store_append(r->store, levels, err) : KL_OK, err);
 }
 
+/* A new cache from what the store holds now. */
+static kl_status serve_store(struct kl_renderer *r, struct kl_err *err)
+{
+    const struct kl_cache_settings settings = cache_settings(r);
+
+    kl_cache_destroy(r->cache);
+    r->cache = NULL;
+    kl_status st = kl_cache_create(&settings, &r->cache, err);
+    return st == KL_OK ? adopt_store(r, err) : st;
+}
+
+/* Pick up what other processes have published. What cannot be read now is not missed. */
+static kl_status refresh(struct kl_renderer *r, struct kl_err *err)
+{
+    struct kl_err ignored;
+    bool changed = false;
+
+    if (kl_store_refresh(r->store, &changed, &ignored) != KL_OK || !changed) return KL_OK;
+    return serve_store(r, err);
+}
+
 /* Put the finished cache into one base segment and serve from it. */
 static kl_status publish(struct kl_renderer *r, struct kl_err *err)
 {
-    const struct kl_cache_settings settings = cache_settings(r);
     struct kl_level_arrays levels[KL_CACHE_LEVELS];
     kl_status st = KL_OK;
 
@@ -425,10 +446,7 @@ static kl_status publish(struct kl_renderer *r, struct kl_err *err)
     }
     st = kl_store_publish_base(r->store, levels, err);
     if (st != KL_OK) return may_go_on(r, st, err);
-    kl_cache_destroy(r->cache);
-    r->cache = NULL;
-    st = kl_cache_create(&settings, &r->cache, err);
-    return st == KL_OK ? adopt_store(r, err) : st;
+    return serve_store(r, err);
 }
 
 /* Bring the cache of an earlier edition up to date, and only then replace what lies on disk. */
@@ -450,10 +468,9 @@ static kl_status revise(struct kl_renderer *r, const struct kl_fill_job *job,
     return KL_OK;
 }
 
-kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_renderer_fill *fill,
-                           struct kl_fill_stats *stats, struct kl_err *err)
+static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill *fill,
+                            struct kl_turn *turn, struct kl_fill_stats *stats, struct kl_err *err)
 {
-    struct kl_renderer *r = renderer;
     const bool keep = fill->keep && r->store != NULL;
     struct kl_fill_job job = {
         .scene = &r->flat->view,
@@ -471,11 +488,9 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
         .gather_context = r->gatherer,
         .keep_batch = keep ? keep_batch : NULL,
         .keep_context = r,
-        .progress = fill->progress,
-        .progress_context = fill->progress_context,
+        .progress = kl_turn_note,
+        .progress_context = turn,
     };
-    *stats = (struct kl_fill_stats){0};
-    r->must_keep = fill->must_keep;
     kl_status st = r->revision != NULL ? revise(r, &job, stats, err) : KL_OK;
     job.cache = r->cache;
     if (st == KL_OK) st = kl_fill(&job, stats, err);
@@ -484,6 +499,24 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
     const bool grown = stats->added[0] + stats->added[1] > 0;
     if (keep && r->lost[0] == '\0' && (grown || !is_compact(r->store))) st = publish(r, err);
     stats->insert_seconds += kl_seconds() - start;
+    return st;
+}
+
+kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_renderer_fill *fill,
+                           struct kl_fill_stats *stats, struct kl_err *err)
+{
+    struct kl_renderer *r = renderer;
+    struct kl_turn turn = {.progress = fill->progress, .progress_context = fill->progress_context};
+    kl_status st = KL_OK;
+
+    *stats = (struct kl_fill_stats){0};
+    r->must_keep = fill->must_keep;
+    if (fill->keep && r->store != NULL) {
+        st = kl_turn_begin(&turn, r->store, fill->cameras, fill->camera_count, err);
+        if (st == KL_OK && r->revision == NULL) st = refresh(r, err);
+    }
+    if (st == KL_OK) st = fill_cache(r, fill, &turn, stats, err);
+    kl_turn_end(&turn);
     return st;
 }
 

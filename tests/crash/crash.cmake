@@ -21,3 +21,16 @@ endfunction()
 crash_test(test_commit faults.c)
 crash_test(test_damage)
 crash_many(test_damage all)
+crash_test(test_kill)
+crash_many(test_kill 1000)
+crash_test(test_writers)
+crash_many(test_writers 60)
+
+# The program itself.
+set(kill_bake ${CMAKE_CURRENT_LIST_DIR}/kill_bake.sh $<TARGET_FILE:keeplight>
+              ${CMAKE_BINARY_DIR}/tests/scenes/cornell.glb ${CMAKE_BINARY_DIR}/tests/crash)
+add_test(NAME crash.kill_bake COMMAND ${kill_bake}/few 8)
+add_test(NAME crash.kill_bake_many COMMAND ${kill_bake}/many 1000)
+set_tests_properties(crash.kill_bake PROPERTIES LABELS crash TIMEOUT 300 FIXTURES_REQUIRED kl_scenes)
+set_tests_properties(crash.kill_bake_many PROPERTIES LABELS nightly TIMEOUT 7200 FIXTURES_REQUIRED
+                                                                            kl_scenes)
