@@ -18,6 +18,9 @@ kl_status kl_command_cache_merge(const struct kl_options *options,
                                  struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_cache_prune(const struct kl_options *options,
                                  struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_command_cache_dump(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_command_cache_diff(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_command_cache_view(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_command_sheet(const struct kl_options *options, struct kl_err *err) KL_MUST_CHECK;
 
 #endif

@@ -47,6 +47,21 @@ static const struct command {
      {"keeplight cache prune", "CACHE... [OPTIONS]", 1, MANY, KL_OPTIONS_CACHE_PRUNE},
      kl_command_cache_prune,
      "drop records by age, place or size"},
+    {"cache",
+     "dump",
+     {"keeplight cache dump", "CACHE -o FILE [OPTIONS]", 1, 1, KL_OPTIONS_CACHE_DUMP},
+     kl_command_cache_dump,
+     "records as a table or points"},
+    {"cache",
+     "diff",
+     {"keeplight cache diff", "CACHE CACHE [OPTIONS]", 2, 2, KL_OPTIONS_CACHE_DIFF},
+     kl_command_cache_diff,
+     "what two caches share"},
+    {"cache",
+     "view",
+     {"keeplight cache view", "CACHE SCENE [OPTIONS]", 2, 2, KL_OPTIONS_CACHE_VIEW},
+     kl_command_cache_view,
+     "records drawn over a frame"},
     {"compare",
      NULL,
      {"keeplight compare", "TEST.exr REFERENCE.exr [OPTIONS]", 2, 2, KL_OPTIONS_COMPARE},
@@ -142,7 +157,8 @@ static kl_status dispatch(int argc, char **argv, struct kl_err *err)
     }
     const struct command *command = find_command(argc, argv, &words);
     if (command == NULL && strcmp(argv[1], "cache") == 0) {
-        return kl_fail(err, KL_ERR_USAGE, "cache: expected info, check, merge or prune");
+        return kl_fail(err, KL_ERR_USAGE,
+                       "cache: expected info, check, merge, prune, dump, diff or view");
     }
     if (command == NULL) {
         return kl_fail(err, KL_ERR_USAGE, "'%s' is not a command; see keeplight --help", argv[1]);

@@ -48,6 +48,8 @@ enum option_id {
     OPT_EXPOSURE,
     OPT_REPAIR,
     OPT_OUTPUT,
+    OPT_MAX_DIFFERENCE,
+    OPT_BY,
     OPT_OLDER_THAN,
     OPT_MAX_BYTES,
     OPT_INSIDE,
@@ -157,6 +159,38 @@ static const struct poptOption merge_options[] = {
     HELP,
     POPT_TABLEEND,
 };
+static const struct poptOption dump_options[] = {
+    {"output", 'o', POPT_ARG_STRING, NULL, OPT_OUTPUT, "The table or points", "FILE.csv|FILE.ply"},
+    JSON,
+    HELP,
+    POPT_TABLEEND,
+};
+static const struct poptOption diff_options[] = {
+    TEXT("max-difference", OPT_MAX_DIFFERENCE,
+         "Exit code 5 where values differ by more, relatively, or records are missing", "X"),
+    JSON,
+    HELP,
+    POPT_TABLEEND,
+};
+static const struct poptOption view_options[] = {
+    TEXT("reduce", OPT_REDUCE, "Draw radii N times smaller (default: 4)", "N"),
+    TEXT("by", OPT_BY, "Colour: level, age, error or late (default: level)", "WHAT"),
+    SCENE_OPTIONS,
+    TEXT("frames", OPT_FRAMES, "The frame to draw over; of a list, the first", "N"),
+    TEXT("fps", OPT_FPS, "Frames a second; frame f is the instant f/fps (default: 24)", "RATE"),
+    TEXT("camera", OPT_CAMERA, "Camera of the scene (default: the first)", "NAME"),
+    TEXT("turntable", OPT_TURNTABLE, "Orbit the scene once in N frames", "N"),
+    TEXT("path", OPT_PATH, "Fly along a keyframed path", "FILE.json"),
+    TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),
+    TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N"),
+    TEXT("rays", OPT_RAYS, "Gather rays of a record, as the cache was made with", "N"),
+    TEXT("error", OPT_ERROR, "Relative error, as the cache was made with", "E"),
+    TEXT("threads", OPT_THREADS, "Threads (default: all cores)", "N"),
+    TEXT("out", OPT_OUT, "Image file (default: SCENE.####.exr); a PNG comes beside it", "PATTERN"),
+    JSON,
+    HELP,
+    POPT_TABLEEND,
+};
 static const struct poptOption prune_options[] = {
     TEXT("older-than", OPT_OLDER_THAN, "Records first kept more than N generations ago", "N"),
     TEXT("inside", OPT_INSIDE, "Records inside a box: two corners in metres", "X,Y,Z,X,Y,Z"),
@@ -169,10 +203,11 @@ static const struct poptOption prune_options[] = {
 
 static const struct poptOption *const option_sets[] = {
     [KL_OPTIONS_CACHE_CHECK] = check_options, [KL_OPTIONS_CACHE_MERGE] = merge_options,
-    [KL_OPTIONS_CACHE_PRUNE] = prune_options, [KL_OPTIONS_RENDER] = render_options,
-    [KL_OPTIONS_SCENE] = scene_options,       [KL_OPTIONS_COMPARE] = compare_options,
-    [KL_OPTIONS_JSON] = json_options,         [KL_OPTIONS_SHEET] = sheet_options,
-    [KL_OPTIONS_FLICKER] = flicker_options,
+    [KL_OPTIONS_CACHE_PRUNE] = prune_options, [KL_OPTIONS_CACHE_DUMP] = dump_options,
+    [KL_OPTIONS_CACHE_DIFF] = diff_options,   [KL_OPTIONS_CACHE_VIEW] = view_options,
+    [KL_OPTIONS_RENDER] = render_options,     [KL_OPTIONS_SCENE] = scene_options,
+    [KL_OPTIONS_COMPARE] = compare_options,   [KL_OPTIONS_JSON] = json_options,
+    [KL_OPTIONS_SHEET] = sheet_options,       [KL_OPTIONS_FLICKER] = flicker_options,
 };
 
 /* The names before the synonyms: kl_cache_mode_name takes the first. */
@@ -191,6 +226,13 @@ static const struct kl_option_word indirects[] = {
     {"cache", KL_INDIRECT_OPTION_CACHE},
     {"path", KL_INDIRECT_OPTION_PATH},
     {"off", KL_INDIRECT_OPTION_OFF},
+    {NULL, 0},
+};
+static const struct kl_option_word views[] = {
+    {"level", KL_VIEW_BY_LEVEL},
+    {"age", KL_VIEW_BY_AGE},
+    {"error", KL_VIEW_BY_ERROR},
+    {"late", KL_VIEW_BY_LATE},
     {NULL, 0},
 };
 static const struct kl_option_word progress_modes[] = {
@@ -248,6 +290,9 @@ static kl_status set_choice(struct kl_options *o, int id, const char *text, stru
     if (id == OPT_INDIRECT) {
         st = set_word("indirect", text, indirects, &value, err);
         if (st == KL_OK) o->indirect = (enum kl_indirect_option)value;
+    } else if (id == OPT_BY) {
+        st = set_word("by", text, views, &value, err);
+        if (st == KL_OK) o->view_by = (enum kl_view_by)value;
     } else if (id == OPT_CACHE_MODE) {
         st = set_word("cache-mode", text, cache_modes, &value, err);
         if (st == KL_OK) o->cache_mode = (enum kl_cache_mode)value;
@@ -300,6 +345,8 @@ static kl_status set_number(struct kl_options *o, int id, const char *text, stru
         return kl_option_read_bytes("max-bytes", text, &o->max_bytes, err);
     case OPT_REDUCE:
         return kl_option_read_u32("reduce", text, 1, 64, &o->reduce, err);
+    case OPT_MAX_DIFFERENCE:
+        return kl_option_read_number("max-difference", text, 0.0, 2.0, &o->max_difference, err);
     case OPT_MASK_ABOVE:
         return kl_option_read_number("mask-above", text, 0.0, 1e30, &o->mask_above, err);
     default:
@@ -349,6 +396,7 @@ static kl_status set_option(struct kl_options *o, int id, const char *text, stru
     case OPT_HEAT:
         return set_text(&o->heat, text, err);
     case OPT_INDIRECT:
+    case OPT_BY:
     case OPT_CACHE_MODE:
     case OPT_PROGRESS:
         return set_choice(o, id, text, err);
@@ -507,8 +555,12 @@ kl_status kl_options_parse(int argc, const char **argv, const struct kl_option_u
     poptContext con = NULL;
     kl_status st = KL_OK;
 
-    *out = (struct kl_options){
-        .start = kl_seconds(), .fps = {24, 1}, .width = 1280, .height = 720, .rays = 1024};
+    *out = (struct kl_options){.start = kl_seconds(),
+                               .fps = {24, 1},
+                               .width = 1280,
+                               .height = 720,
+                               .rays = 1024,
+                               .max_difference = -1.0};
     st = join_command_line(out, argc, argv, err);
     if (st != KL_OK) return st;
     con = poptGetContext(NULL, argc, argv, option_sets[use->set], 0);

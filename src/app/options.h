@@ -30,6 +30,13 @@ enum kl_progress_mode {
     KL_PROGRESS_OFF,
 };
 
+enum kl_view_by {
+    KL_VIEW_BY_LEVEL,
+    KL_VIEW_BY_AGE,
+    KL_VIEW_BY_ERROR,
+    KL_VIEW_BY_LATE,
+};
+
 /* Defaults are filled in. Strings are owned; NULL: not given. */
 struct kl_options {
     double start; /* kl_seconds() when the program began */
@@ -70,6 +77,8 @@ struct kl_options {
     char *inside, *outside;      /* boxes: x,y,z,x,y,z */
     double mask_above, exposure; /* [nit], 0: no mask; [stops] */
     uint32_t columns, reduce;
+    double max_difference; /* relative, < 0: none asked */
+    enum kl_view_by view_by;
 };
 
 enum kl_option_set {
@@ -81,6 +90,9 @@ enum kl_option_set {
     KL_OPTIONS_CACHE_CHECK,
     KL_OPTIONS_CACHE_MERGE,
     KL_OPTIONS_CACHE_PRUNE,
+    KL_OPTIONS_CACHE_DUMP,
+    KL_OPTIONS_CACHE_DIFF,
+    KL_OPTIONS_CACHE_VIEW,
     KL_OPTIONS_FLICKER,
 };
 
