@@ -1,6 +1,8 @@
 #include "cache_io/format_impl.h"
+#include "src/base/memory.h"
 
 #include <math.h>
+#include <stdlib.h>
 
 static bool half_is_finite(kl_u16 half)
 {
@@ -59,44 +61,38 @@ static kl_status check_octree_header(const struct kl_level_arrays *level, struct
     return KL_OK;
 }
 
-/* Rows of a hostile file may overlap: together they may be no longer than what lies there, so the
- * time is bounded by the file's size. */
-static bool rows_fit(const struct kl_level_arrays *level)
+/* Rows follow each other without gaps behind the directory: one pass in the order of memory, whose
+ * time a hostile file cannot stretch. starts: bit p is set where a row starts at item p. */
+static bool rows_are_sound(const struct kl_level_arrays *level, uint64_t *starts)
 {
     const kl_u32 size = level->octree.row_size;
-    const int64_t slots = (int64_t)level->octree.slot_count;
-    uint64_t used = 0;
-    bool ok = true;
+    kl_u32 highest = 0;
+    kl_u32 p = KL_DIRECTORY_SIZE;
 
-#pragma omp parallel for schedule(static) reduction(+ : used) reduction(&& : ok) if (slots > 65536)
-    for (int64_t i = 0; i < slots; ++i) {
-        const kl_octree_slot *slot = &level->slots[i];
-        if (slot->tag == 0) continue;
+    while (p < size) {
         /* A check word, a count, then as many record numbers. */
-        if (slot->row >= size - 1 || level->rows[slot->row + 1] > size - 2 - slot->row) {
-            ok = false;
-        } else {
-            used += 2 + (uint64_t)level->rows[slot->row + 1];
-        }
+        if (size - p < 2 || level->rows[p + 1] > size - p - 2) return false;
+        const kl_u32 count = level->rows[p + 1];
+        const kl_u32 *numbers = level->rows + p + 2;
+        starts[p / 64] |= 1ull << (p % 64);
+        for (kl_u32 k = 0; k < count; ++k)
+            highest = numbers[k] > highest ? numbers[k] : highest;
+        p += 2 + count;
     }
-    return ok && used <= size - KL_DIRECTORY_SIZE;
+    return highest < level->record_count;
 }
 
-static bool record_numbers_exist(const struct kl_level_arrays *level)
+static bool slots_are_sound(const struct kl_level_arrays *level, const uint64_t *starts)
 {
     const int64_t slots = (int64_t)level->octree.slot_count;
+    const kl_u32 size = level->octree.row_size;
     bool ok = true;
 
 #pragma omp parallel for schedule(static) reduction(&& : ok) if (slots > 65536)
     for (int64_t i = 0; i < slots; ++i) {
         const kl_octree_slot *slot = &level->slots[i];
-        if (slot->tag == 0) continue;
-        const kl_u32 *row = level->rows + slot->row + 1;
-        kl_u32 highest = 0;
-        for (kl_u32 k = 0; k < row[0]; ++k) {
-            highest = row[1 + k] > highest ? row[1 + k] : highest;
-        }
-        ok = ok && highest < level->record_count;
+        ok = ok && (slot->tag == 0 ||
+                    (slot->row < size && (starts[slot->row / 64] >> (slot->row % 64) & 1u) != 0));
     }
     return ok;
 }
@@ -110,12 +106,14 @@ kl_status octree_validate(const struct kl_level_arrays *level, struct kl_err *er
         return kl_fail(err, KL_ERR_CORRUPT, "octree: %u row items, the directory alone has %d",
                        level->octree.row_size, KL_DIRECTORY_SIZE);
     }
-    if (!rows_fit(level)) return kl_fail(err, KL_ERR_CORRUPT, "octree: a row does not fit");
-    if (!record_numbers_exist(level)) {
-        return kl_fail(err, KL_ERR_CORRUPT, "octree: a record number above %u",
-                       level->record_count);
+    uint64_t *starts = NULL;
+    st = kl_alloc_array(&starts, level->octree.row_size / 64 + 1, sizeof *starts, err);
+    if (st != KL_OK) return st;
+    if (!rows_are_sound(level, starts) || !slots_are_sound(level, starts)) {
+        st = kl_fail(err, KL_ERR_CORRUPT, "octree: a row, or a slot's place, is not sound");
     }
-    return KL_OK;
+    free(starts);
+    return st;
 }
 
 bool records_are_valid(const struct kl_level_arrays *level, uint32_t first, uint32_t last)

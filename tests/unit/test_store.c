@@ -15,7 +15,7 @@
 
 #include <cmocka.h>
 
-enum { RECORDS = 7, SLOTS = 4, DIRECTORY = KL_DIRECTORY_SIZE, ROWS = DIRECTORY + 10 };
+enum { RECORDS = 7, SLOTS = 4, DIRECTORY = KL_DIRECTORY_SIZE, ROWS = DIRECTORY + 9 };
 
 /* Two levels of records; level 0 has an octree. */
 struct batch {
@@ -53,7 +53,7 @@ static void make_batch(struct batch *b, float seed)
         b->levels[l].cold = b->cold[l];
     }
     /* After the directory: check word, count, record numbers. */
-    const kl_u32 rows[ROWS - DIRECTORY] = {0xabcdu, 3, 0, 1, 2, 0x1234u, 2, 5, 6, 0};
+    const kl_u32 rows[ROWS - DIRECTORY] = {0xabcdu, 3, 0, 1, 2, 0x1234u, 2, 5, 6};
     memcpy(b->rows + DIRECTORY, rows, sizeof rows);
     b->slots[1] = (kl_octree_slot){.tag = 99, .row = DIRECTORY};
     b->slots[2] = (kl_octree_slot){.tag = 77, .row = DIRECTORY + 5};
@@ -491,13 +491,18 @@ static void unsound_batches_are_not_written(void **state)
     b.rows[DIRECTORY + 2] = RECORDS;
     assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
     make_batch(&b, 0.0f);
-    b.slots[2].row = ROWS - 2; /* count 0 at the very end: sound */
-    assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_OK);
-    b.rows[ROWS - 1] = 1;
+    make_batch(&b, 0.0f);
+    b.slots[2].row = DIRECTORY + 1; /* no row starts there */
     assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
-    append(store, 0.0f);
+    make_batch(&b, 0.0f);
+    b.slots[2].row = 5; /* nor in the directory */
+    assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
+    make_batch(&b, 0.0f);
+    b.rows[DIRECTORY + 6] = 3; /* the last row goes on behind the end */
+    assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
+    append(store, 0.0f); /* a refusal breaks nothing */
     kl_store_close(store);
-    assert_int_equal(for_each_file(f->dir, false), 2);
+    assert_int_equal(for_each_file(f->dir, false), 1);
 }
 
 /* The segment of f->batch as a base, and its name. */
