@@ -26,6 +26,9 @@ endif()
 if(KL_NATIVE)
   target_compile_options(kl_flags INTERFACE -march=native)
 endif()
+if(KL_FUZZ) # the fuzzer is guided by what runs in the libraries too
+  target_compile_options(kl_flags INTERFACE -fsanitize=fuzzer-no-link)
+endif()
 if(KL_SANITIZE)
   target_compile_options(kl_flags INTERFACE -fsanitize=${KL_SANITIZE} -fno-sanitize-recover=all
                                             -fno-omit-frame-pointer)
