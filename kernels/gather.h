@@ -63,7 +63,7 @@ KL_FN kl_vec3 kl_direct_lambert(const kl_scene_view *s, const kl_surface *surf, 
     *which = light.light;
     const float cosine = kl_dot(surf->smooth, light.wi);
     if (!(cosine > 0.0f) || !(kl_dot(surf->geometric, light.wi) > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_shadow_ray(surf, &light);
+    const kl_ray ray = kl_shadow_ray(s, surf, &light);
     const float through = kl_transmittance(s, &ray);
     return kl_v3_scale(light.radiance, KL_INV_PI * cosine * through / light.pdf);
 }
@@ -140,7 +140,7 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         const kl_frame f = kl_frame_from_normal(surf.smooth);
         const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(&sampler)));
         if (!(kl_dot(dir, surf.geometric) > 0.0f)) break;
-        ray = kl_ray_make(kl_offset_point(surf.pos, surf.geometric), dir, KL_INF);
+        ray = kl_ray_make(kl_leave_surface(s, surf.pos, surf.geometric), dir, KL_INF);
     }
     out.radiance[0] = first.x * sum.x;
     out.radiance[1] = first.y * sum.y;
@@ -173,7 +173,7 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
         none.touch = KL_NONE;
         return none;
     }
-    const kl_vec3 origin = kl_offset_point(kl_v3_load(point->pos), ng);
+    const kl_vec3 origin = kl_leave_surface(s, kl_v3_load(point->pos), ng);
     return kl_gather_ray(s, level1, set, n, kl_ray_make(origin, dir, KL_INF),
                          kl_sampler_make(direction->index, point->seed));
 }

@@ -408,10 +408,11 @@ KL_FN float kl_light_pdf(const kl_scene_view *s, kl_u32 light, kl_vec3 p, kl_vec
 }
 
 /* Ray from a surface point to a light sample, both ends kept off the surfaces. */
-KL_FN kl_ray kl_shadow_ray(const kl_surface *s, const kl_light_sample *l)
+KL_FN kl_ray kl_shadow_ray(const kl_scene_view *scene, const kl_surface *s,
+                           const kl_light_sample *l)
 {
     const float side = kl_dot(s->geometric, l->wi) >= 0.0f ? 1.0f : -1.0f;
-    const kl_vec3 o = kl_offset_point(s->pos, kl_v3_scale(s->geometric, side));
+    const kl_vec3 o = kl_leave_surface(scene, s->pos, kl_v3_scale(s->geometric, side));
     if (l->distance >= KL_INF) return kl_ray_make(o, l->wi, KL_INF);
     const kl_vec3 target = kl_v3_mad(s->pos, l->distance * (1.0f - 1e-4f), l->wi);
     const kl_vec3 d = kl_v3_sub(target, o);

@@ -107,18 +107,22 @@ KL_FN kl_vec3 kl_lerp3(kl_vec3 a, kl_vec3 b, kl_vec3 c, float u, float v)
     return kl_v3_mad(kl_v3_mad(kl_v3_scale(a, 1.0f - u - v), u, b), v, c);
 }
 
-/* Origin for a ray that leaves `p` on the side of `n`: moved by a few ulps, Waechter and Binder,
- * "A Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems 2019. */
-KL_FN float kl_offset_axis(float p, float n)
+/* Origin for a ray that leaves `p` on the side of `n`: moved by 256 ulps, Waechter and Binder, "A
+ * Fast and Robust Method for Avoiding Self-Intersection", Ray Tracing Gems 2019. Their constants
+ * for places near 0, where ulps are too small, are lengths; here they are shares of the scene. */
+KL_FN float kl_offset_axis(float p, float n, float scene_radius)
 {
     const kl_i32 step = (kl_i32)(256.0f * n);
     const kl_i32 bits = (kl_i32)kl_as_u32(p) + (p < 0.0f ? -step : step);
-    if (kl_fabs(p) < 1.0f / 32.0f) return p + n * (1.0f / 65536.0f);
+    if (kl_fabs(p) < scene_radius * (1.0f / 32.0f))
+        return p + n * scene_radius * (1.0f / 524288.0f);
     return kl_as_f32((kl_u32)bits);
 }
-KL_FN kl_vec3 kl_offset_point(kl_vec3 p, kl_vec3 n)
+KL_FN kl_vec3 kl_leave_surface(const kl_scene_view *s, kl_vec3 p, kl_vec3 n)
 {
-    return kl_v3(kl_offset_axis(p.x, n.x), kl_offset_axis(p.y, n.y), kl_offset_axis(p.z, n.z));
+    return kl_v3(kl_offset_axis(p.x, n.x, s->scene_radius),
+                 kl_offset_axis(p.y, n.y, s->scene_radius),
+                 kl_offset_axis(p.z, n.z, s->scene_radius));
 }
 
 KL_FN kl_vec3 kl_normal_map(const kl_scene_view *s, const KL_GLOBAL kl_triangle *t,

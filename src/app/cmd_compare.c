@@ -9,14 +9,15 @@
 
 static json_t *describe(const struct kl_metrics *m)
 {
-    return json_pack("{s:I,s:I,s:I,s:I,s:I,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f}",
-                     "width", (json_int_t)m->width, "height", (json_int_t)m->height, "pixels",
-                     (json_int_t)m->pixels, "bad_pixels", (json_int_t)m->bad_pixels,
-                     "masked_pixels", (json_int_t)m->masked_pixels, "relmse", m->relmse,
-                     "relmse_trimmed", m->relmse_trimmed, "block8_relmse", m->block8_relmse, "rmse",
-                     m->rmse, "psnr_db", m->psnr_db, "psnr_peak", m->psnr_peak, "smape", m->smape,
-                     "mean_error", m->mean_error, "flip_mean", m->flip_mean, "flip_p95",
-                     m->flip_p95, "flip_ldr_mean", m->flip_ldr_mean, "max_abs", m->max_abs);
+    return json_pack(
+        "{s:I,s:I,s:I,s:I,s:I,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f,s:f}", "width",
+        (json_int_t)m->width, "height", (json_int_t)m->height, "pixels", (json_int_t)m->pixels,
+        "bad_pixels", (json_int_t)m->bad_pixels, "masked_pixels", (json_int_t)m->masked_pixels,
+        "relmse", m->relmse, "relmse_trimmed", m->relmse_trimmed, "block8_relmse", m->block8_relmse,
+        "rmse", m->rmse, "psnr_db", m->psnr_db, "psnr_peak", m->psnr_peak, "smape", m->smape,
+        "mean_error", m->mean_error, "flip_mean", m->flip_mean, "flip_p95", m->flip_p95,
+        "flip_ldr_mean", m->flip_ldr_mean, "max_abs", m->max_abs, "relative_p95", m->relative_p95,
+        "relative_p99", m->relative_p99);
 }
 
 static void print_text(const struct kl_metrics *m)
@@ -36,6 +37,7 @@ static void print_text(const struct kl_metrics *m)
     (void)printf("smape          %.6g\n", m->smape);
     (void)printf("mean_error     %+.6g\n", m->mean_error);
     (void)printf("max_abs        %.6g\n", m->max_abs);
+    (void)printf("relative_p95   %.6g\n", m->relative_p95);
     (void)printf("flip_mean      %.6g\n", m->flip_mean);
 }
 
@@ -52,8 +54,10 @@ static kl_status write_json(const struct kl_options *o, const struct kl_metrics 
 kl_status kl_command_compare(const struct kl_options *options, struct kl_err *err)
 {
     const struct kl_options *o = options;
-    const struct kl_metrics_options metrics_options = {.mask_above = (float)o->mask_above};
-    const struct kl_difference_options difference = {.mask_above = (float)o->mask_above};
+    const struct kl_metrics_options metrics_options = {.mask_above = (float)o->mask_above,
+                                                       .layer = o->layer};
+    const struct kl_difference_options difference = {.mask_above = (float)o->mask_above,
+                                                     .layer = o->layer};
     struct kl_image *test = NULL;
     struct kl_image *reference = NULL;
     struct kl_metrics metrics;

@@ -26,7 +26,7 @@ struct file {
 
 struct flicker {
     const struct kl_options *options;
-    const char *layer; /* "": the unnamed one */
+    const char *layer; /* "beauty": the unnamed one */
     size_t count;
     struct file *files; /* in order of time */
     bool has_reference;
@@ -146,14 +146,14 @@ static kl_status list_files(struct flicker *f, struct kl_err *err)
     return st == KL_OK ? sort_files(f, err) : st;
 }
 
-/* The channels "LAYER.A", "LAYER.B", ... of `names`; the unnamed layer is "". */
+/* The channels "LAYER.X", "LAYER.Y", ... of `names`. */
 static bool find_channels(const struct kl_image *image, const char *layer, const char *names,
                           const float **out)
 {
     char name[KL_IMAGE_NAME_SIZE];
 
     for (size_t k = 0; names[k] != '\0'; ++k) {
-        (void)snprintf(name, sizeof name, "%s%s%c", layer, layer[0] != '\0' ? "." : "", names[k]);
+        (void)snprintf(name, sizeof name, "%s.%c", layer, names[k]);
         const struct kl_channel *c = kl_image_find(image, name);
         if (c == NULL || c->data == NULL) return false;
         out[k] = c->data;
@@ -164,9 +164,7 @@ static bool find_channels(const struct kl_image *image, const char *layer, const
 static kl_status find_layer(const struct kl_image *image, const char *path, const char *layer,
                             const float *rgb[3], struct kl_err *err)
 {
-    if (find_channels(image, layer, "RGB", rgb)) return KL_OK;
-    return kl_fail(err, KL_ERR_INPUT, "%s: no %s%s", path,
-                   layer[0] != '\0' ? "layer " : "channels ", layer[0] != '\0' ? layer : "R, G, B");
+    return kl_image_get_rgb(image, layer, rgb, err) == KL_OK ? KL_OK : kl_wrap(err, "%s", path);
 }
 
 static kl_status find_geometry(const struct kl_image *image, const char *path,
@@ -193,9 +191,9 @@ static void choose_layer(struct flicker *f, const struct kl_image *image)
     const char *asked = f->options->layer;
 
     if (asked != NULL) {
-        f->layer = strcmp(asked, "beauty") == 0 ? "" : asked;
+        f->layer = asked;
     } else {
-        f->layer = find_channels(image, "irradiance", "RGB", rgb) ? "irradiance" : "";
+        f->layer = find_channels(image, "irradiance", "RGB", rgb) ? "irradiance" : "beauty";
     }
 }
 
@@ -290,8 +288,8 @@ static json_t *describe(const struct flicker *f)
     return json_pack(
         "{s:s,s:I,s:I,s:I,s:b,s:o,s:o,s:o,s:o,s:I,s:f,s:o,s:o,s:I,s:I,s:o,s:o,s:o,"
         "s:o}",
-        "layer", f->layer[0] != '\0' ? f->layer : "beauty", "width", (json_int_t)f->files[0].width,
-        "height", (json_int_t)f->files[0].height, "frame_count", (json_int_t)f->count, "reference",
+        "layer", f->layer, "width", (json_int_t)f->files[0].width, "height",
+        (json_int_t)f->files[0].height, "frame_count", (json_int_t)f->count, "reference",
         (int)f->has_reference, "flicker_mean", number(r->flicker_mean), "flicker_p99",
         number(r->flicker_p99), "reference_flicker_mean", number(r->reference_flicker_mean),
         "reference_flicker_p99", number(r->reference_flicker_p99), "points", (json_int_t)r->points,
@@ -311,7 +309,7 @@ static void print_text(const struct flicker *f)
     const struct kl_coherence_result *r = &f->result;
 
     (void)printf("%-24s%zu frames, %ux%u, %s\n", "sequence", f->count, (unsigned)f->files[0].width,
-                 (unsigned)f->files[0].height, f->layer[0] != '\0' ? f->layer : "beauty");
+                 (unsigned)f->files[0].height, f->layer);
     (void)printf("%-24s%.4g of the pixels, %llu points long enough\n", "followed", r->followed,
                  (unsigned long long)r->points);
     print_value("flicker_mean", r->flicker_mean);

@@ -127,6 +127,7 @@ static const struct poptOption scene_options[] = {SCENE_OPTIONS, JSON, HELP, POP
 static const struct poptOption compare_options[] = {
     JSON,
     TEXT("diff", OPT_DIFF, "Draw the relative error: red too bright, blue too dark", "FILE.png"),
+    TEXT("layer", OPT_LAYER, "Layer to compare (default: beauty)", "NAME"),
     TEXT("mask-above", OPT_MASK_ABOVE, "Leave out pixels whose reference is above X (lamps)", "X"),
     HELP,
     POPT_TABLEEND,

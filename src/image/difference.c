@@ -94,8 +94,8 @@ kl_status kl_metrics_write_difference(const char *path, const struct kl_image *t
         return kl_fail(err, KL_ERR_USAGE, "sigma of %g pixels is above 1000", (double)o.sigma_px);
     }
     const size_t count = (size_t)test->width * test->height;
-    kl_status st = kl_image_get_rgb(test, rgb[0], err);
-    if (st == KL_OK) st = kl_image_get_rgb(reference, rgb[1], err);
+    kl_status st = kl_image_get_rgb(test, o.layer, rgb[0], err);
+    if (st == KL_OK) st = kl_image_get_rgb(reference, o.layer, rgb[1], err);
     if (st == KL_OK) st = kl_alloc_array(&error, count, 2 * sizeof *error, err);
     if (st == KL_OK) st = kl_alloc_array(&bytes, count, 3, err);
     if (st != KL_OK) goto cleanup;

@@ -2,6 +2,8 @@
 
 #include "src/base/memory.h"
 
+#include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -92,14 +94,19 @@ const struct kl_channel *kl_image_find(const struct kl_image *image, const char 
     return NULL;
 }
 
-kl_status kl_image_get_rgb(const struct kl_image *image, const float *rgb[3], struct kl_err *err)
+kl_status kl_image_get_rgb(const struct kl_image *image, const char *layer, const float *rgb[3],
+                           struct kl_err *err)
 {
-    static const char *const names[3] = {"R", "G", "B"};
+    const bool is_named = layer != NULL && layer[0] != '\0' && strcmp(layer, "beauty") != 0;
+    char name[KL_IMAGE_NAME_SIZE];
 
     for (int c = 0; c < 3; ++c) {
-        const struct kl_channel *channel = kl_image_find(image, names[c]);
+        const int length = snprintf(name, sizeof name, "%s%s%c", is_named ? layer : "",
+                                    is_named ? "." : "", "RGB"[c]);
+        const bool fits = length > 0 && (size_t)length < sizeof name;
+        const struct kl_channel *channel = fits ? kl_image_find(image, name) : NULL;
         if (channel == NULL || channel->data == NULL) {
-            return kl_fail(err, KL_ERR_INPUT, "no half or float channel %s in the image", names[c]);
+            return kl_fail(err, KL_ERR_INPUT, "no half or float channel %s in the image", name);
         }
         rgb[c] = channel->data;
     }

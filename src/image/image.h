@@ -78,8 +78,9 @@ kl_status kl_image_add_channel(struct kl_image *image, const char *name, enum kl
                                void *data, struct kl_err *err) KL_MUST_CHECK;
 /* Borrowed until a channel is added or the image is destroyed; NULL where there is none. */
 const struct kl_channel *kl_image_find(const struct kl_image *image, const char *name);
-/* The channels R, G and B of the unnamed layer. KL_ERR_INPUT: one is missing. */
-kl_status kl_image_get_rgb(const struct kl_image *image, const float *rgb[3],
+/* The channels R, G and B of a layer; NULL, "" or "beauty": the unnamed
+ * one. KL_ERR_INPUT: one is missing. */
+kl_status kl_image_get_rgb(const struct kl_image *image, const char *layer, const float *rgb[3],
                            struct kl_err *err) KL_MUST_CHECK;
 
 /* Add or replace an attribute; a string is copied. */

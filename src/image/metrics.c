@@ -9,6 +9,7 @@
 
 static const double relmse_epsilon = 1e-2;
 static const double smape_epsilon = 1e-2;
+static const double relative_least = 1e-3; /* of the mean: darker pixels have no relative error */
 static const double psnr_limit_db = 200.0;
 
 /* Neumaier's compensated sum. */
@@ -74,8 +75,8 @@ static kl_status mark_pixels(struct pair *p, float mask_above, struct kl_metrics
 
 /* p->counts is the caller's to free, whatever is returned. */
 static kl_status pair_up(struct pair *p, const struct kl_image *test,
-                         const struct kl_image *reference, float mask_above, struct kl_metrics *out,
-                         struct kl_err *err)
+                         const struct kl_image *reference, const struct kl_metrics_options *options,
+                         struct kl_metrics *out, struct kl_err *err)
 {
     memset(p, 0, sizeof *p);
     memset(out, 0, sizeof *out);
@@ -86,11 +87,11 @@ static kl_status pair_up(struct pair *p, const struct kl_image *test,
     p->width = out->width = test->width;
     p->height = out->height = test->height;
     p->count = (size_t)p->width * p->height;
-    kl_status st = kl_image_get_rgb(test, p->test, err);
+    kl_status st = kl_image_get_rgb(test, options->layer, p->test, err);
     if (st != KL_OK) return kl_wrap(err, "test");
-    st = kl_image_get_rgb(reference, p->reference, err);
+    st = kl_image_get_rgb(reference, options->layer, p->reference, err);
     if (st != KL_OK) return kl_wrap(err, "reference");
-    return mark_pixels(p, mask_above, out, err);
+    return mark_pixels(p, options->mask_above, out, err);
 }
 
 static double mean_get(const struct pair *p, const float *const rgb[3], uint64_t pixels)
@@ -244,6 +245,34 @@ static kl_status measure_psnr(const struct pair *p, struct kl_metrics *out, stru
     return KL_OK;
 }
 
+static double luminance(const float *const rgb[3], size_t i)
+{
+    return 0.2126 * (double)rgb[0][i] + 0.7152 * (double)rgb[1][i] + 0.0722 * (double)rgb[2][i];
+}
+
+static kl_status measure_relative(const struct pair *p, struct kl_metrics *out, struct kl_err *err)
+{
+    struct sum sum = {0};
+    float *values = NULL;
+    size_t n = 0;
+    kl_status st = kl_alloc_array(&values, out->pixels, sizeof *values, err);
+
+    if (st != KL_OK) return st;
+    for (size_t i = 0; i < p->count; ++i) {
+        if (p->counts[i] == COUNTS) sum_add(&sum, luminance(p->reference, i));
+    }
+    const double least = relative_least * sum_get(&sum) / (double)out->pixels;
+    for (size_t i = 0; i < p->count; ++i) {
+        if (p->counts[i] != COUNTS) continue;
+        const double r = luminance(p->reference, i);
+        if (r > least && r > 0.0) values[n++] = (float)(fabs(luminance(p->test, i) - r) / r);
+    }
+    if (n > 0) out->relative_p95 = percentile(values, n, 0.95);
+    if (n > 0) out->relative_p99 = percentile(values, n, 0.99);
+    free(values);
+    return KL_OK;
+}
+
 /* Mean of the map over the pixels that count; the map is packed to those. */
 static double map_mean(const struct pair *p, float *map)
 {
@@ -295,10 +324,11 @@ kl_status kl_metrics_compare(const struct kl_image *test, const struct kl_image 
                              const struct kl_metrics_options *options, struct kl_metrics *out,
                              struct kl_err *err)
 {
+    const struct kl_metrics_options defaults = {0};
+    const struct kl_metrics_options *o = options != NULL ? options : &defaults;
     struct pair p;
     struct kl_metrics m;
-    kl_status st =
-        pair_up(&p, test, reference, options != NULL ? options->mask_above : 0.0f, &m, err);
+    kl_status st = pair_up(&p, test, reference, o, &m, err);
 
     if (st != KL_OK) goto cleanup;
     const double mean_test = mean_get(&p, p.test, m.pixels);
@@ -309,9 +339,8 @@ kl_status kl_metrics_compare(const struct kl_image *test, const struct kl_image 
     if (st != KL_OK) goto cleanup;
     m.block8_relmse = measure_blocks(&p, scale);
     st = measure_psnr(&p, &m, err);
-    if (st == KL_OK && !(options != NULL && options->without_flip)) {
-        st = measure_flip(&p, &m, err);
-    }
+    if (st == KL_OK) st = measure_relative(&p, &m, err);
+    if (st == KL_OK && !o->without_flip) st = measure_flip(&p, &m, err);
     if (st == KL_OK) *out = m;
 
 cleanup:

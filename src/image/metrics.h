@@ -1,4 +1,4 @@
-/* How far a picture is from a reference. All numbers are over R, G and B of the unnamed layer. */
+/* How far a picture is from a reference. All numbers are over R, G and B of one layer. */
 #ifndef KL_SRC_IMAGE_METRICS_H
 #define KL_SRC_IMAGE_METRICS_H
 
@@ -14,6 +14,7 @@ extern "C" {
 struct kl_metrics_options {
     float mask_above;  /* > 0: leave out pixels with a reference channel above this (lamps) */
     bool without_flip; /* FLIP costs far more than all the rest */
+    const char *layer; /* borrowed; NULL or "": the unnamed one */
 };
 
 /* I: test, R: reference. A mean is over the pixels that count: not masked, and finite in both
@@ -33,6 +34,9 @@ struct kl_metrics {
     double psnr_peak;       /* 99.9th percentile of all channel values of R, not scaled */
     double psnr_db;         /* 20 log10(psnr_peak / rmse), at most 200, which also says "equal" */
     double smape;           /* scaled: mean of 2 |I - R| / (|I| + |R| + 0.01), 0 to 2 */
+    double relative_p95;    /* 95th percentile of |Y(I) - Y(R)| / Y(R), luminance, over the pixels
+                             * with Y(R) above a thousandth of its mean; 0 where there is none */
+    double relative_p99;    /* likewise the 99th */
     double mean_error;      /* (mean(I) - mean(R)) / mean(R); undivided where mean(R) <= 0 */
     double max_abs;         /* largest |I - R|, not scaled */
     double flip_mean;       /* HDR-FLIP at 67 pixels per degree; 0 if without_flip */
@@ -50,6 +54,7 @@ struct kl_difference_options {
     float full_scale; /* relative error that is drawn in full colour; 0: 0.5 */
     float sigma_px;   /* > 0: low-pass the error first (16 shows splotches); 0: not */
     float mask_above; /* as above */
+    const char *layer;
 };
 
 /* PNG of (Y(I) - Y(R)) / (Y(R) + 0.01 mean Y(R)): white 0, red too bright, blue too dark, grey left

@@ -84,7 +84,7 @@ static kl_status draw(unsigned char *to, size_t stride, const struct kl_image *i
     const uint32_t width = reduced(image->width, factor);
     const uint32_t height = reduced(image->height, factor);
     const float *rgb[3];
-    kl_status st = kl_image_get_rgb(image, rgb, err);
+    kl_status st = kl_image_get_rgb(image, NULL, rgb, err);
 
     if (st != KL_OK) return st;
     for (uint32_t y = 0; y < height; ++y) {

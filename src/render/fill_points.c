@@ -47,7 +47,7 @@ static bool find_diffuse(const kl_scene_view *scene, kl_ray ray, uint32_t seed, 
         const float c = kl_dot(ray.dir, s->shading);
         const kl_vec3 dir = kl_normalize(kl_v3_mad(ray.dir, -2.0f * c, s->shading));
         if (!(kl_dot(dir, s->geometric) > 0.0f)) return false;
-        ray = kl_ray_make(kl_offset_point(s->pos, s->geometric), dir, KL_INF);
+        ray = kl_ray_make(kl_leave_surface(scene, s->pos, s->geometric), dir, KL_INF);
     }
     return false;
 }
@@ -105,7 +105,7 @@ static size_t walk(const struct kl_fill_job *job, uint32_t number, struct kl_poi
         const kl_frame f = kl_frame_from_normal(s.smooth);
         const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(&sampler)));
         if (!(kl_dot(dir, s.geometric) > 0.0f)) break;
-        ray = kl_ray_make(kl_offset_point(s.pos, s.geometric), dir, KL_INF);
+        ray = kl_ray_make(kl_leave_surface(job->scene, s.pos, s.geometric), dir, KL_INF);
     }
     return count;
 }

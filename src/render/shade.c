@@ -40,7 +40,7 @@ struct kl_direct kl_shade_direct(const struct kl_shade_context *context, const k
     if (kl_has_specular(surface)) lobe = kl_specular_eval(surface, wo, light.wi, &lobe_pdf);
     const kl_vec3 base = kl_v3_scale(albedo, KL_INV_PI * cosine);
     if (kl_is_black(base) && kl_is_black(lobe)) return out;
-    const kl_ray ray = kl_shadow_ray(surface, &light);
+    const kl_ray ray = kl_shadow_ray(context->scene, surface, &light);
     ++counts->shadow;
     const float through = kl_transmittance(context->scene, &ray);
     if (!(through > 0.0f)) return out;
@@ -69,7 +69,8 @@ static kl_vec3 direct_by_base(const struct kl_shade_context *context, const kl_s
     kl_surface other;
 
     if (!(kl_dot(dir, surface->geometric) > 0.0f) || !(local.z > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_ray_make(kl_offset_point(surface->pos, surface->geometric), dir, KL_INF);
+    const kl_ray ray = kl_ray_make(
+        kl_leave_surface(context->scene, surface->pos, surface->geometric), dir, KL_INF);
     ++counts->shadow;
     const bool found =
         kl_intersect(context->scene, &ray, kl_hash2(sampler->seed, sampler->index), &hit);
@@ -86,7 +87,8 @@ static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_
     const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
     ++counts->late;
     if (!(kl_dot(dir, surface->geometric) > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_ray_make(kl_offset_point(surface->pos, surface->geometric), dir, KL_INF);
+    const kl_ray ray = kl_ray_make(
+        kl_leave_surface(context->scene, surface->pos, surface->geometric), dir, KL_INF);
     const kl_gather_cell cell = kl_gather_ray(context->scene, &context->levels[1], &context->gather,
                                               surface->smooth, ray, *sampler);
     ++sampler->dim;
@@ -154,9 +156,9 @@ static float specular_chance(const kl_surface *surface, kl_vec3 wo, bool first, 
 }
 
 /* Follow the specular lobe with the given chance; false: the path ends. */
-static bool continue_specular(const kl_surface *surface, kl_vec3 wo, float chance,
-                              kl_sampler *sampler, kl_vec3 *beta, struct kl_bounce *from,
-                              kl_ray *ray)
+static bool continue_specular(const struct kl_shade_context *context, const kl_surface *surface,
+                              kl_vec3 wo, float chance, kl_sampler *sampler, kl_vec3 *beta,
+                              struct kl_bounce *from, kl_ray *ray)
 {
     kl_vec3 wi;
     float pdf;
@@ -168,7 +170,8 @@ static bool continue_specular(const kl_surface *surface, kl_vec3 wo, float chanc
     *beta = kl_v3_scale(kl_v3_mul(*beta, f), 1.0f / chance);
     /* The light sampler weighs the lobe's density times the chance to get here. */
     *from = (struct kl_bounce){pdf * chance, surface->pos, surface->geometric};
-    *ray = kl_ray_make(kl_offset_point(surface->pos, surface->geometric), wi, KL_INF);
+    *ray =
+        kl_ray_make(kl_leave_surface(context->scene, surface->pos, surface->geometric), wi, KL_INF);
     return true;
 }
 
@@ -240,6 +243,6 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
             parts->specular_indirect = kl_v3_add(parts->specular_indirect, kl_v3_mul(beta, sum));
         }
         if (!(chance > 0.0f)) return;
-        if (!continue_specular(&surface, wo, chance, sampler, &beta, &from, &ray)) return;
+        if (!continue_specular(context, &surface, wo, chance, sampler, &beta, &from, &ray)) return;
     }
 }

@@ -62,7 +62,7 @@ static bool next_point(const kl_scene_view *s, kl_ray *ray, kl_sampler *sampler,
     kl_surface_at(s, ray, &hit, out);
     const kl_frame f = kl_frame_from_normal(out->geometric);
     const kl_vec3 d = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
-    *ray = kl_ray_make(kl_offset_point(out->pos, out->geometric), d, KL_INF);
+    *ray = kl_ray_make(kl_leave_surface(s, out->pos, out->geometric), d, KL_INF);
     return true;
 }
 

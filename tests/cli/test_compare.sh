@@ -10,4 +10,7 @@ done
 [[ $(value m.json masked_pixels) != 0 ]] || fail "mask"
 [[ $(value m.json max_abs) != 0.0 ]] || fail "seeds make no difference"
 [[ $(head -c 4 d.png | tail -c 3) == PNG ]] || fail "no picture"
+kl compare a.exr b.exr --layer irradiance --json=e.json
+[[ $(value e.json relative_p95) != "$(value m.json relative_p95)" ]] || fail "layer"
+exits 1 kl compare a.exr b.exr --layer shadow
 exits 1 kl compare a.exr "$SCENES/sky.exr"

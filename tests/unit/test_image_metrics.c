@@ -51,6 +51,7 @@ static void constant_images(void **state)
     assert_near(m.max_abs, d, 1e-12);
     assert_near(m.psnr_peak, 2.0, 0.0);
     assert_near(m.psnr_db, 20.0 * log10(2.0 / d), 1e-9);
+    assert_near(m.relative_p95, d / 2.0, 1e-7);
     assert_near(m.smape, 2.0 * d / ((double)2.2f + 2.0 + 0.02), 1e-12);
     assert_true(m.flip_mean > 0.0 && m.flip_mean < 0.2);
     assert_int_equal(m.pixels, 180);
@@ -59,6 +60,54 @@ static void constant_images(void **state)
     assert_near(m.psnr_db, 200.0, 0.0);
     kl_image_destroy(test);
     kl_image_destroy(reference);
+}
+
+/* Of 100 pixels, 4 are 50 % off, 2 are 100 % off, and one that is black does not count. */
+static void percentiles_of_the_relative_error(void **state)
+{
+    struct kl_err err;
+    struct kl_metrics m;
+    struct kl_image *test = make(101, 1, 3.0f);
+    struct kl_image *reference = make(101, 1, 3.0f);
+
+    (void)state;
+    for (int c = 0; c < 3; ++c) {
+        for (int i = 0; i < 6; ++i)
+            test->channels[c].data[i] = i < 4 ? 4.5f : 6.0f;
+        reference->channels[c].data[100] = 0.0f;
+    }
+    assert_int_equal(kl_metrics_compare(test, reference, NULL, &m, &err), KL_OK);
+    assert_near(m.relative_p95, 0.5, 1e-6);
+    assert_near(m.relative_p99, 1.0, 1e-6);
+    kl_image_destroy(test);
+    kl_image_destroy(reference);
+}
+
+static void layers(void **state)
+{
+    const struct kl_metrics_options options = {.layer = "albedo", .without_flip = true};
+    struct kl_err err;
+    struct kl_metrics m;
+    struct kl_image *a = make(4, 4, 1.0f);
+    struct kl_image *b = make(4, 4, 1.0f);
+    float *data = NULL;
+
+    (void)state;
+    assert_int_equal(kl_metrics_compare(a, b, &options, &m, &err), KL_ERR_INPUT);
+    for (int c = 0; c < 3; ++c) {
+        char name[16];
+        (void)snprintf(name, sizeof name, "albedo.%c", "RGB"[c]);
+        assert_int_equal(kl_image_add_channel(a, name, KL_PIXEL_FLOAT, &data, &err), KL_OK);
+        data[0] = 1.6f;
+        assert_int_equal(kl_image_add_channel(b, name, KL_PIXEL_FLOAT, &data, &err), KL_OK);
+        for (int i = 0; i < 16; ++i)
+            data[i] = 0.1f;
+    }
+    assert_int_equal(kl_metrics_compare(a, b, &options, &m, &err), KL_OK);
+    assert_near(m.mean_error, 0.0, 1e-6);
+    assert_near(m.max_abs, 1.5, 1e-6);
+    kl_image_destroy(a);
+    kl_image_destroy(b);
 }
 
 static void noise_averages_out_in_blocks(void **state)
@@ -177,6 +226,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(constant_images),
+        cmocka_unit_test(percentiles_of_the_relative_error),
+        cmocka_unit_test(layers),
         cmocka_unit_test(noise_averages_out_in_blocks),
         cmocka_unit_test(bad_and_masked_pixels_are_left_out),
         cmocka_unit_test(flip_agrees_with_its_authors),
