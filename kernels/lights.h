@@ -150,12 +150,18 @@ KL_FN float kl_light_importance(const KL_GLOBAL kl_light_node *node, kl_vec3 p, 
     return node->power * bound * receiver / d2;
 }
 
+/* A child that can contribute is chosen this often at least: what outshines it may be hidden, and a
+ * probability that rounds to 0 would lose its light. */
+#define KL_LEAST_CHOICE (1.0f / 4096.0f)
+
 /* Probability of going to the first of a node's two children; -1 where neither can contribute. */
 KL_FN float kl_light_first(const kl_scene_view *s, kl_u32 child, kl_vec3 p, kl_vec3 n)
 {
     const float a = kl_light_importance(&s->light_nodes[child], p, n);
     const float b = kl_light_importance(&s->light_nodes[child + 1u], p, n);
-    return a + b > 0.0f ? a / (a + b) : -1.0f;
+    if (!(a + b > 0.0f)) return -1.0f;
+    if (!(a > 0.0f && b > 0.0f)) return a > 0.0f ? 1.0f : 0.0f;
+    return kl_clamp(a / (a + b), KL_LEAST_CHOICE, 1.0f - KL_LEAST_CHOICE);
 }
 
 /* Choose a light for a receiver at p with normal n; KL_NONE where none can contribute. */

@@ -438,23 +438,33 @@ kl_status kl_flat_choose_origin(const struct kl_scene *scene, const struct kl_po
     double lo[3] = {DBL_MAX, DBL_MAX, DBL_MAX};
     double hi[3] = {-DBL_MAX, -DBL_MAX, -DBL_MAX};
 
-    (void)err;
     for (uint32_t i = 0; i < scene->instance_count; ++i) {
         const struct kl_scene_instance *inst = &scene->instances[i];
         const struct kl_mesh *mesh = &scene->meshes[inst->mesh];
         const double *m = pose->world_from_node + 16 * (size_t)inst->node;
+        struct kl_deformed deformed = {0};
+        if (kl_instance_is_deformed(scene, i)) { /* a skin may be far from its node */
+            kl_status st = kl_instance_deform(scene, pose, i, &deformed, err);
+            if (st != KL_OK) return st;
+        }
         for (size_t v = 0; v < mesh->vertex_count; ++v) {
             double p[3];
             double world[3];
             for (size_t k = 0; k < 3; ++k) {
-                p[k] = (double)mesh->positions[3 * v + k];
+                p[k] = deformed.positions != NULL ? deformed.positions[3 * v + k]
+                                                  : (double)mesh->positions[3 * v + k];
             }
-            kl_matrix_point(m, p, world);
+            if (deformed.in_world) {
+                memcpy(world, p, sizeof world);
+            } else {
+                kl_matrix_point(m, p, world);
+            }
             for (int k = 0; k < 3; ++k) {
                 lo[k] = fmin(lo[k], world[k]);
                 hi[k] = fmax(hi[k], world[k]);
             }
         }
+        kl_deformed_fini(&deformed);
     }
     for (int k = 0; k < 3; ++k) {
         origin[k] = lo[k] <= hi[k] ? 0.5 * (lo[k] + hi[k]) : 0.0;

@@ -145,35 +145,54 @@ static kl_status add_triangles(struct kl_flat *flat, struct light_list *list, st
     return st;
 }
 
-/* Cumulative sums over columns and rows, weighted by solid angle. A black map samples uniformly. */
-static void fill_cdfs(struct kl_flat *flat)
+/* Steps of a float CDF below 1 are 6e-8: a texel beside a sun would be lost. */
+static const double least_probability = 1.0 / (1 << 20);
+
+/* cdf[0 .. n] from n weights: probabilities proportional to them, where not 0 at least the least
+ * one. All 0: uniform. The weights are overwritten. */
+static void make_cdf(double *weights, size_t n, float *cdf)
+{
+    double total = 0.0;
+    double raised = 0.0;
+    double run = 0.0;
+
+    for (size_t i = 0; i < n; ++i)
+        total += weights[i];
+    for (size_t i = 0; i < n; ++i) {
+        double p = total > 0.0 ? weights[i] / total : 1.0;
+        if (weights[i] > 0.0) p = fmax(p, least_probability);
+        weights[i] = p;
+        raised += p;
+    }
+    for (size_t i = 0; i < n; ++i) {
+        cdf[i] = (float)(run / raised);
+        run += weights[i];
+    }
+    cdf[n] = 1.0f;
+}
+
+/* Cumulative sums over columns and rows, weighted by solid angle. */
+static kl_status fill_cdfs(struct kl_flat *flat, struct kl_err *err)
 {
     const size_t w = flat->view.env.width;
     const size_t h = flat->view.env.height;
-    double total = 0.0;
+    double *columns = NULL;
+    kl_status st = kl_alloc_array(&columns, w + h, sizeof *columns, err);
+
+    if (st != KL_OK) return st;
+    double *rows = columns + w;
     for (size_t y = 0; y < h; ++y) {
-        float *row = flat->env_columns + y * (w + 1);
         const double sine = sin(3.14159265358979323846 * ((double)y + 0.5) / (double)h);
-        double sum = 0.0;
         for (size_t x = 0; x < w; ++x) {
             const float *t = flat->env_texels + 3 * (y * w + x);
-            sum += (double)(t[0] + t[1] + t[2]);
+            columns[x] = (double)t[0] + (double)t[1] + (double)t[2];
+            rows[y] += columns[x] * sine;
         }
-        double run = 0.0;
-        for (size_t x = 0; x < w; ++x) {
-            const float *t = flat->env_texels + 3 * (y * w + x);
-            row[x] = (float)(sum > 0.0 ? run / sum : (double)x / (double)w);
-            run += (double)(t[0] + t[1] + t[2]);
-        }
-        row[w] = 1.0f;
-        flat->env_rows[y] = (float)total;
-        total += sum * sine;
+        make_cdf(columns, w, flat->env_columns + y * (w + 1));
     }
-    for (size_t y = 0; y < h; ++y) {
-        flat->env_rows[y] =
-            total > 0.0 ? (float)((double)flat->env_rows[y] / total) : (float)y / (float)h;
-    }
-    flat->env_rows[h] = 1.0f;
+    make_cdf(rows, h, flat->env_rows);
+    free(columns);
+    return KL_OK;
 }
 
 static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *flat,
@@ -198,8 +217,8 @@ static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *f
     memcpy(flat->env_texels, env->rgb, 3 * texels * sizeof(float));
     flat->view.env = (kl_environment){env->width, env->height, (uint32_t)list->count, 1.0f};
     flat->view.needs |= KL_NEED_ENVIRONMENT;
-    fill_cdfs(flat);
-    return push_light(list, &light, KL_NONE, err);
+    st = fill_cdfs(flat, err);
+    return st == KL_OK ? push_light(list, &light, KL_NONE, err) : st;
 }
 
 /* From this share of the surfaces' area on, glowing ones count as enclosing. */

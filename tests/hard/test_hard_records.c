@@ -1,0 +1,133 @@
+/* Hard cases 18 and 21 and origins of skins: many records in one place, least spacing, scenes whose
+ * nodes are not where their vertices are. */
+#include "hard_scene.h"
+
+#include "src/cache/octree.h"
+#include "src/scene/flat.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MANY = 20000, MOST_IN_ROW = 64 };
+
+static kl_record_hot record_at(kl_vec3 p, float radius)
+{
+    return (kl_record_hot){.pos = {p.x, p.y, p.z},
+                           .normal = kl_oct_encode(kl_v3(0.0f, 0.0f, 1.0f)),
+                           .radius = radius,
+                           .radius2 = radius,
+                           .object = KL_NONE};
+}
+
+static uint32_t longest_row(const struct kl_octree *o)
+{
+    uint32_t longest = 0;
+    for (uint32_t i = 0; i < o->head.slot_count; ++i) {
+        if (o->slots[i].tag == 0u) continue;
+        const uint32_t count = o->rows[o->slots[i].row + 1];
+        longest = count > longest ? count : longest;
+    }
+    return longest;
+}
+
+static struct kl_octree index_records(const kl_record_hot *hot, uint32_t count)
+{
+    const struct kl_octree_limits limits = {1.4f, 0.94f};
+    const float center[3] = {0};
+    const struct kl_octree_root root = kl_octree_root_make(center, 1.0f);
+    struct kl_octree octree = {0};
+    struct kl_err err = {0};
+    if (kl_octree_build(&root, hot, count, &limits, &octree, &err) != KL_OK) {
+        fail_msg("%s", err.msg);
+    }
+    return octree;
+}
+
+/* 18. Records in one place: no cell keeps more than 64 of them. */
+static void rows_are_capped(void **state)
+{
+    kl_record_hot *hot = calloc(MANY, sizeof *hot);
+    (void)state;
+    assert_non_null(hot);
+    for (uint32_t i = 0; i < MANY; ++i)
+        hot[i] = record_at(kl_v3(0.1f, 0.2f, 0.3f), 0.05f);
+    struct kl_octree octree = index_records(hot, MANY);
+    print_message("longest row: %u records\n", longest_row(&octree));
+    assert_true(longest_row(&octree) <= MOST_IN_ROW);
+    kl_octree_fini(&octree);
+    free(hot);
+}
+
+/* 21. Radii of 1e-9 in a scene of 1 m: the levels are limited, and so is what the index takes. */
+static void tiny_radii_do_not_deepen_the_index(void **state)
+{
+    kl_record_hot *hot = calloc(MANY, sizeof *hot);
+    (void)state;
+    assert_non_null(hot);
+    for (uint32_t i = 0; i < MANY; ++i) {
+        const float x = (float)(i % 200) / 200.0f - 0.5f;
+        hot[i] = record_at(kl_v3(x, (float)(i / 200) / 100.0f - 0.5f, 0.0f), 1e-9f);
+    }
+    struct kl_octree octree = index_records(hot, MANY);
+    print_message("levels %x, %u entries\n", octree.head.level_mask, octree.head.row_size);
+    assert_true(octree.head.level_mask < 1u << 20); /* level 19 at most */
+    assert_true(octree.head.row_size < KL_DIRECTORY_SIZE + 64 * MANY);
+    kl_octree_fini(&octree);
+    free(hot);
+}
+
+/* A mesh hung on a skin whose joint is 1e6 m away: render space begins there, not at its node. */
+static void origin_follows_the_skin(void **state)
+{
+    const double far[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 1e6, 2e6, -1e6, 1};
+    struct kl_scene *s = hard_scene();
+    const uint32_t node = hard_node(s, NULL);
+    const uint32_t joint = hard_node(s, far);
+    struct kl_pose *pose = NULL;
+    struct kl_err err = {0};
+    double origin[3];
+    (void)state;
+    hard_box(s, node, hard_material(s, 0.5, 0.0), (double[]){-1, -1, -1}, (double[]){1, 1, 1},
+             false);
+    struct kl_mesh *m = &s->meshes[0];
+    m->influence_count = 4;
+    m->joints = calloc(4 * m->vertex_count, sizeof *m->joints);
+    m->weights = calloc(4 * m->vertex_count, sizeof *m->weights);
+    s->skins = calloc(1, sizeof *s->skins);
+    assert_true(m->joints != NULL && m->weights != NULL && s->skins != NULL);
+    for (uint32_t v = 0; v < m->vertex_count; ++v)
+        m->weights[4 * v] = 1.0f;
+    s->skin_count = 1;
+    s->skins[0].joint_count = 1;
+    s->skins[0].joints = calloc(1, sizeof(uint32_t));
+    s->skins[0].inverse_bind = calloc(16, sizeof(double));
+    assert_true(s->skins[0].joints != NULL && s->skins[0].inverse_bind != NULL);
+    s->skins[0].joints[0] = joint;
+    for (int i = 0; i < 16; i += 5)
+        s->skins[0].inverse_bind[i] = 1.0;
+    s->instances[0].skin = 0;
+    assert_int_equal(kl_pose_create(s, KL_NONE, 0.0, &pose, &err), KL_OK);
+    assert_int_equal(kl_flat_choose_origin(s, pose, origin, &err), KL_OK);
+    for (int k = 0; k < 3; ++k)
+        assert_true(fabs(origin[k] - far[12 + k]) < 1e-6);
+    kl_pose_destroy(pose);
+    kl_scene_destroy(s);
+}
+
+/* With "rows": what the index does not do yet. */
+int main(int argc, char **argv)
+{
+    const struct CMUnitTest rows[] = {cmocka_unit_test(rows_are_capped)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(tiny_radii_do_not_deepen_the_index),
+        cmocka_unit_test(origin_follows_the_skin),
+    };
+    if (argc > 1 && strcmp(argv[1], "rows") == 0) return cmocka_run_group_tests(rows, NULL, NULL);
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
