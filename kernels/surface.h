@@ -115,7 +115,7 @@ KL_FN float kl_offset_axis(float p, float n, float scene_radius)
     const kl_i32 step = (kl_i32)(256.0f * n);
     const kl_i32 bits = (kl_i32)kl_as_u32(p) + (p < 0.0f ? -step : step);
     if (kl_fabs(p) < scene_radius * (1.0f / 32.0f))
-        return p + n * scene_radius * (1.0f / 524288.0f);
+        return p + n * scene_radius * (1.0f / 262144.0f);
     return kl_as_f32((kl_u32)bits);
 }
 KL_FN kl_vec3 kl_leave_surface(const kl_scene_view *s, kl_vec3 p, kl_vec3 n)

@@ -62,7 +62,7 @@ static bool is_visible(const struct kl_revision *r, const struct kl_revision_box
         if (!(length > 0.0f)) return true;
         const kl_vec3 dir = kl_v3_scale(way, 1.0f / length);
         if (!(kl_dot(dir, n) > 0.0f)) continue;
-        const kl_ray ray = kl_ray_make(kl_offset_point(pos, n), dir, KL_INF);
+        const kl_ray ray = kl_ray_make(kl_leave_surface(r->scene, pos, n), dir, KL_INF);
         kl_hit hit;
         if (!kl_intersect(r->scene, &ray, seed + i, &hit)) return true;
         if (hit.t >= 0.999f * box_entry(box, &ray)) return true;
@@ -92,7 +92,7 @@ static bool pilot_hit(const struct kl_revision *r, const struct pilot *p, kl_u32
 {
     *sampler = kl_sampler_make(i, p->seed);
     const kl_vec3 dir = kl_frame_to_world(&p->frame, kl_cosine_direction(kl_sampler_2d(sampler)));
-    const kl_ray ray = kl_ray_make(kl_offset_point(p->pos, p->normal), dir, KL_INF);
+    const kl_ray ray = kl_ray_make(kl_leave_surface(r->scene, p->pos, p->normal), dir, KL_INF);
     kl_hit hit;
     if (!kl_intersect(r->scene, &ray, p->seed + i, &hit)) return false;
     kl_surface_at(r->scene, &ray, &hit, surface);
@@ -112,7 +112,7 @@ static float shadowed_light(const struct kl_revision *r, const kl_surface *surfa
     }
     const float cosine = kl_dot(surface->smooth, light.wi);
     if (!(cosine > 0.0f)) return 0.0f;
-    const kl_ray ray = kl_shadow_ray(surface, &light);
+    const kl_ray ray = kl_shadow_ray(r->scene, surface, &light);
     for (uint32_t b = 0; b < r->box_count; ++b) {
         if (box_entry(&r->boxes[b], &ray) < KL_INF) {
             return kl_luminance(kl_v3_mul(albedo, light.radiance)) * KL_INV_PI * cosine / light.pdf;
