@@ -141,7 +141,7 @@ static kl_status start_picture(struct picture *p, struct kl_image *frame, struct
     static const char *const names[] = {"R", "G", "B"};
     const float *rgb[3];
     const struct kl_channel *late = kl_image_find(frame, "cache.late");
-    kl_status st = kl_image_get_rgb(frame, rgb, err);
+    kl_status st = kl_image_get_rgb(frame, NULL, rgb, err);
 
     p->depth = kl_image_find(frame, "Z")->data;
     p->width = out->width;
