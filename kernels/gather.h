@@ -57,7 +57,7 @@ KL_FN kl_vec3 kl_direct_lambert(const kl_scene_view *s, const kl_surface *surf, 
 {
     kl_light_sample light;
     *which = KL_NONE;
-    if (!kl_light_sample_one(s, surf->pos, surf->geometric, choice, u, &light)) {
+    if (!kl_light_sample_one(s, surf->pos, surf->geometric, surf->time, choice, u, &light)) {
         return kl_v3_splat(0.0f);
     }
     *which = light.light;

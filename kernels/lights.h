@@ -221,11 +221,11 @@ KL_FN kl_vec3 kl_light_color(const KL_GLOBAL kl_light *l)
 
 /* Emission of a textured triangle at barycentrics (u, v). */
 KL_FN kl_vec3 kl_triangle_emission(const kl_scene_view *s, const KL_GLOBAL kl_light *l, float u,
-                                   float v)
+                                   float v, float time)
 {
-    if (!l->textured) return kl_light_color(l);
+    if (!l->textured && !KL_NEEDS(s, KL_NEED_MOTION)) return kl_light_color(l);
     const KL_GLOBAL kl_triangle *t = &s->triangles[l->triangle];
-    const KL_GLOBAL kl_material *m = &s->materials[t->material];
+    const KL_GLOBAL kl_material *m = kl_material_at(s, t->material, time);
     kl_hit h;
     h.t = 0.0f;
     h.u = u;
@@ -237,19 +237,45 @@ KL_FN kl_vec3 kl_triangle_emission(const kl_scene_view *s, const KL_GLOBAL kl_li
     return kl_v3(m->emission[0] * e.r, m->emission[1] * e.g, m->emission[2] * e.b);
 }
 
+/* Where a triangle light is at a time. */
+typedef struct kl_light_shape {
+    kl_vec3 pos, edge1, edge2;
+    float area;
+} kl_light_shape;
+
+KL_FN kl_light_shape kl_light_shape_at(const kl_scene_view *s, kl_u32 light, float time)
+{
+    const KL_GLOBAL kl_light *l = &s->lights[light];
+    kl_light_shape shape;
+    if (KL_NEEDS(s, KL_NEED_MOTION) && s->light_motion[light] != KL_NONE) {
+        const kl_corners k =
+            kl_moved_corners(s, s->light_motion[light], &s->triangles[l->triangle], time);
+        shape.pos = k.a;
+        shape.edge1 = kl_v3_sub(k.b, k.a);
+        shape.edge2 = kl_v3_sub(k.c, k.a);
+        shape.area = 0.5f * kl_length(kl_cross(shape.edge1, shape.edge2));
+        return shape;
+    }
+    shape.pos = kl_v3_load(l->pos);
+    shape.edge1 = kl_v3_load(l->edge1);
+    shape.edge2 = kl_v3_load(l->edge2);
+    shape.area = l->area;
+    return shape;
+}
+
 /* A triangle light as seen from a point: unit directions to its corners and the solid angle. */
 typedef struct kl_spherical {
     kl_vec3 a, b, c;
     float solid_angle; /* [sr] */
 } kl_spherical;
 
-KL_FN kl_spherical kl_light_spherical(const KL_GLOBAL kl_light *l, kl_vec3 p)
+KL_FN kl_spherical kl_light_spherical(const kl_light_shape *l, kl_vec3 p)
 {
     kl_spherical s;
-    const kl_vec3 to = kl_v3_sub(kl_v3_load(l->pos), p);
+    const kl_vec3 to = kl_v3_sub(l->pos, p);
     s.a = kl_normalize(to);
-    s.b = kl_normalize(kl_v3_add(to, kl_v3_load(l->edge1)));
-    s.c = kl_normalize(kl_v3_add(to, kl_v3_load(l->edge2)));
+    s.b = kl_normalize(kl_v3_add(to, l->edge1));
+    s.c = kl_normalize(kl_v3_add(to, l->edge2));
     /* Van Oosterom and Strackee 1983. */
     const float volume = kl_fabs(kl_dot(s.a, kl_cross(s.b, s.c)));
     const float scale = 1.0f + kl_dot(s.a, s.b) + kl_dot(s.b, s.c) + kl_dot(s.c, s.a);
@@ -312,25 +338,25 @@ KL_FN kl_vec2 kl_triangle_meet(kl_vec3 from_v0, kl_vec3 e1, kl_vec3 e2, kl_vec3 
 }
 
 /* Density over solid angle of a triangle's sample that lies along unit w at distance^2 d2. */
-KL_FN float kl_triangle_pdf(const KL_GLOBAL kl_light *l, const kl_spherical *s, float cosine,
-                            float d2)
+KL_FN float kl_triangle_pdf(const kl_light_shape *l, const kl_spherical *s, float cosine, float d2)
 {
     if (s->solid_angle > KL_SPHERICAL_FROM) return 1.0f / s->solid_angle;
     return cosine > 1e-6f ? d2 / (cosine * l->area) : 0.0f;
 }
 
-KL_FN int kl_light_sample_triangle(const kl_scene_view *s, const KL_GLOBAL kl_light *l, kl_vec3 p,
+KL_FN int kl_light_sample_triangle(const kl_scene_view *s, kl_u32 light, kl_vec3 p, float time,
                                    kl_vec2 u, kl_light_sample *out)
 {
-    const kl_vec3 e1 = kl_v3_load(l->edge1);
-    const kl_vec3 e2 = kl_v3_load(l->edge2);
-    const kl_spherical sphere = kl_light_spherical(l, p);
+    const KL_GLOBAL kl_light *l = &s->lights[light];
+    const kl_light_shape shape = kl_light_shape_at(s, light, time);
+    const kl_vec3 e1 = shape.edge1;
+    const kl_vec3 e2 = shape.edge2;
+    const kl_spherical sphere = kl_light_spherical(&shape, p);
     kl_vec2 b = kl_triangle_map(u);
     if (sphere.solid_angle > KL_SPHERICAL_FROM) {
-        b = kl_triangle_meet(kl_v3_sub(p, kl_v3_load(l->pos)), e1, e2,
-                             kl_spherical_sample(&sphere, u));
+        b = kl_triangle_meet(kl_v3_sub(p, shape.pos), e1, e2, kl_spherical_sample(&sphere, u));
     }
-    const kl_vec3 y = kl_v3_mad(kl_v3_mad(kl_v3_load(l->pos), b.x, e1), b.y, e2);
+    const kl_vec3 y = kl_v3_mad(kl_v3_mad(shape.pos, b.x, e1), b.y, e2);
     const kl_vec3 d = kl_v3_sub(y, p);
     const float d2 = kl_dot(d, d);
     if (!(d2 > 0.0f)) return 0;
@@ -339,23 +365,23 @@ KL_FN int kl_light_sample_triangle(const kl_scene_view *s, const KL_GLOBAL kl_li
     float cosine = -kl_dot(kl_normalize(kl_cross(e1, e2)), out->wi);
     if (l->two_sided) cosine = kl_fabs(cosine);
     if (!(cosine > 1e-6f)) return 0;
-    out->radiance = kl_triangle_emission(s, l, b.x, b.y);
-    out->pdf = kl_triangle_pdf(l, &sphere, cosine, d2);
+    out->radiance = kl_triangle_emission(s, l, b.x, b.y, time);
+    out->pdf = kl_triangle_pdf(&shape, &sphere, cosine, d2);
     out->delta = 0;
     return out->pdf > 0.0f;
 }
 
-KL_FN int kl_light_sample_punctual(const KL_GLOBAL kl_light *l, kl_vec3 p, kl_light_sample *out)
+KL_FN int kl_light_sample_punctual(const kl_punctual *l, kl_vec3 p, kl_light_sample *out)
 {
     out->delta = 1;
     out->pdf = 1.0f;
-    out->radiance = kl_light_color(l);
+    out->radiance = l->color;
     if (l->type == KL_LIGHT_DIRECTIONAL) {
-        out->wi = kl_v3_scale(kl_v3_load(l->dir), -1.0f);
+        out->wi = kl_v3_scale(l->dir, -1.0f);
         out->distance = KL_INF;
         return 1;
     }
-    const kl_vec3 d = kl_v3_sub(kl_v3_load(l->pos), p);
+    const kl_vec3 d = kl_v3_sub(l->pos, p);
     const float d2 = kl_dot(d, d);
     if (!(d2 > 0.0f)) return 0;
     out->distance = kl_sqrt(d2);
@@ -366,7 +392,7 @@ KL_FN int kl_light_sample_punctual(const KL_GLOBAL kl_light *l, kl_vec3 p, kl_li
         scale *= kl_clamp(1.0f - q * q * q * q, 0.0f, 1.0f);
     }
     if (l->type == KL_LIGHT_SPOT) {
-        const float c = -kl_dot(out->wi, kl_v3_load(l->dir));
+        const float c = -kl_dot(out->wi, l->dir);
         const float a = kl_clamp((c - l->cone_cos) * l->cone_scale, 0.0f, 1.0f);
         scale *= a * a;
     }
@@ -374,9 +400,10 @@ KL_FN int kl_light_sample_punctual(const KL_GLOBAL kl_light *l, kl_vec3 p, kl_li
     return scale > 0.0f;
 }
 
-/* One sample of the light that reaches p, where the surface has geometric normal n. 0: nothing. */
-KL_FN int kl_light_sample_one(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, float choice, kl_vec2 u,
-                              kl_light_sample *out)
+/* One sample of the light that reaches p at a time, where the surface has geometric normal n. 0:
+ * nothing. */
+KL_FN int kl_light_sample_one(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, float time,
+                              float choice, kl_vec2 u, kl_light_sample *out)
 {
     float prob;
     const kl_u32 i = kl_light_choose(s, p, n, choice, &prob);
@@ -384,7 +411,7 @@ KL_FN int kl_light_sample_one(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, floa
     const KL_GLOBAL kl_light *l = &s->lights[i];
     int ok = 0;
     if (l->type == KL_LIGHT_TRIANGLE) {
-        ok = kl_light_sample_triangle(s, l, p, u, out);
+        ok = kl_light_sample_triangle(s, i, p, time, u, out);
     } else if (l->type == KL_LIGHT_ENVIRONMENT) {
         out->wi = kl_env_sample(s, u);
         out->distance = KL_INF;
@@ -393,24 +420,26 @@ KL_FN int kl_light_sample_one(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, floa
         out->delta = 0;
         ok = out->pdf > 0.0f;
     } else {
-        ok = kl_light_sample_punctual(l, p, out);
+        const kl_punctual punctual = kl_punctual_at(s, i, time);
+        ok = kl_light_sample_punctual(&punctual, p, out);
     }
     out->pdf *= prob;
     out->light = i;
     return ok && !kl_is_black(out->radiance);
 }
 
-/* Density with which kl_light_sample_one, asked at p with normal n, finds the emitter that a ray
- * from p along `dir` hit at distance t; for the environment pass light = env.light. */
-KL_FN float kl_light_pdf(const kl_scene_view *s, kl_u32 light, kl_vec3 p, kl_vec3 n, kl_vec3 dir,
-                         float t)
+/* Density with which kl_light_sample_one, asked at p with normal n at a time, finds the emitter
+ * that a ray from p along `dir` hit at distance t; for the environment pass light = env.light. */
+KL_FN float kl_light_pdf(const kl_scene_view *s, kl_u32 light, kl_vec3 p, kl_vec3 n, float time,
+                         kl_vec3 dir, float t)
 {
     const KL_GLOBAL kl_light *l = &s->lights[light];
     const float prob = kl_light_probability(s, light, p, n);
     if (l->type == KL_LIGHT_ENVIRONMENT) return prob * kl_env_pdf(s, dir);
-    const kl_vec3 ln = kl_normalize(kl_cross(kl_v3_load(l->edge1), kl_v3_load(l->edge2)));
-    const kl_spherical sphere = kl_light_spherical(l, p);
-    return prob * kl_triangle_pdf(l, &sphere, kl_fabs(kl_dot(ln, dir)), t * t);
+    const kl_light_shape shape = kl_light_shape_at(s, light, time);
+    const kl_vec3 ln = kl_normalize(kl_cross(shape.edge1, shape.edge2));
+    const kl_spherical sphere = kl_light_spherical(&shape, p);
+    return prob * kl_triangle_pdf(&shape, &sphere, kl_fabs(kl_dot(ln, dir)), t * t);
 }
 
 /* Ray from a surface point to a light sample, both ends kept off the surfaces. */
@@ -419,11 +448,15 @@ KL_FN kl_ray kl_shadow_ray(const kl_scene_view *scene, const kl_surface *s,
 {
     const float side = kl_dot(s->geometric, l->wi) >= 0.0f ? 1.0f : -1.0f;
     const kl_vec3 o = kl_leave_surface(scene, s->pos, kl_v3_scale(s->geometric, side));
-    if (l->distance >= KL_INF) return kl_ray_make(o, l->wi, KL_INF);
+    kl_ray ray = kl_ray_make(o, l->wi, KL_INF);
+    ray.time = s->time;
+    if (l->distance >= KL_INF) return ray;
     const kl_vec3 target = kl_v3_mad(s->pos, l->distance * (1.0f - 1e-4f), l->wi);
     const kl_vec3 d = kl_v3_sub(target, o);
     const float t = kl_length(d);
-    return kl_ray_make(o, t > 0.0f ? kl_v3_scale(d, 1.0f / t) : l->wi, t);
+    ray.dir = t > 0.0f ? kl_v3_scale(d, 1.0f / t) : l->wi;
+    ray.tmax = t;
+    return ray;
 }
 
 #endif

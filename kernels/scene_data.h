@@ -17,7 +17,8 @@
 #define KL_NEED_SPECULAR      0x080u /* some material has a specular lobe */
 #define KL_NEED_NORMAL_MAPS   0x100u
 #define KL_NEED_ENCLOSING     0x400u /* lights fill much of the view: a sky, glowing walls */
-#define KL_NEED_MOTION        0x200u /* something other than the camera moves */
+#define KL_NEED_MOTION        0x200u /* something other than the camera moves while the shutter is open \
+                                      */
 
 #if defined(KL_FEATURES)
 #define KL_NEEDS(scene, f) ((KL_FEATURES) & (f))
@@ -140,6 +141,21 @@ typedef struct kl_environment {
     float scale;          /* multiplies the texels */
 } kl_environment;
 
+/* How an instance moves while the shutter is open: `steps` states at evenly spaced times from
+ * opening (0) to closing (1), straight between them. Either matrices, in place of the instance's
+ * own, or vertices, in place of the flat arrays'. */
+typedef struct kl_moving {
+    kl_u32 steps;        /* 0: it does not move; 1: at all times as in its only step */
+    kl_u32 deforms;      /* 1: vertices, 0: matrices */
+    kl_u32 first;        /* its first matrix, or its first vertex in the step arrays */
+    kl_u32 first_vertex; /* vertices: where they are in the flat arrays */
+    kl_u32 vertex_count; /* vertices of a step */
+} kl_moving;
+KL_ASSERT_SIZE(kl_moving, 20);
+
+#define KL_TIME_REFERENCE 0.5f /* shutter centre: where records live */
+#define KL_VALUE_STEPS    33   /* states of a light or a material that changes */
+
 /* The view that every kernel function takes. Not shared bytes: each side fills its own. */
 typedef struct kl_scene_view {
     kl_u32 needs;          /* KL_NEED_* */
@@ -169,6 +185,17 @@ typedef struct kl_scene_view {
     const KL_GLOBAL struct kl_bvh_node *bvh_nodes; /* kernels/bvh.h; NULL: Embree traces */
     const KL_GLOBAL struct kl_bvh_leaf *bvh_leaves;
     const KL_GLOBAL kl_u32 *bvh_roots; /* instance_count roots, then the top level's */
+    /* With KL_NEED_MOTION; else not read. */
+    const KL_GLOBAL kl_moving *moving;       /* per instance */
+    const KL_GLOBAL float *step_matrices;    /* 3x4 row major, render space from object space */
+    const KL_GLOBAL float *step_positions;   /* 3 per vertex of a step */
+    const KL_GLOBAL float *step_normals;     /* ditto */
+    const KL_GLOBAL float *step_tangents;    /* ditto, if KL_NEED_NORMAL_MAPS */
+    const KL_GLOBAL kl_u32 *light_motion;    /* per light: KL_NONE: constant; triangle: its
+                                              * instance; else its place in step_lights */
+    const KL_GLOBAL kl_light *step_lights;   /* KL_VALUE_STEPS each */
+    const KL_GLOBAL kl_u32 *material_motion; /* per material: place in step_materials or KL_NONE */
+    const KL_GLOBAL kl_material *step_materials; /* KL_VALUE_STEPS each */
 #if !KL_DEVICE
     const void *tracer; /* struct kl_tracer of src/trace, read by kl_trace_* on the host */
 #endif

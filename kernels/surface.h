@@ -2,6 +2,7 @@
  * from both sides: all normals face the side the ray came from. */
 #ifndef KL_KERNELS_SURFACE_H
 #define KL_KERNELS_SURFACE_H
+#include "kernels/motion.h"
 #include "kernels/sampling.h"
 #include "kernels/texture.h"
 #include "kernels/trace.h"
@@ -19,6 +20,8 @@ typedef struct kl_surface {
     kl_u32 object;     /* scene instance */
     kl_u32 triangle;
     kl_u32 light; /* index into lights, KL_NONE */
+    int front;    /* the ray came from the front */
+    float time;   /* of the ray */
 } kl_surface;
 
 typedef struct kl_uv {
@@ -91,10 +94,10 @@ KL_FN kl_uv kl_hit_uv_if_needed(const kl_scene_view *s, const KL_GLOBAL kl_trian
 }
 
 /* Opacity of a hit: 1 opaque, 0 a hole. */
-KL_FN float kl_hit_alpha(const kl_scene_view *s, const kl_hit *h)
+KL_FN float kl_hit_alpha(const kl_scene_view *s, const kl_hit *h, float time)
 {
     const KL_GLOBAL kl_triangle *t = &s->triangles[h->triangle];
-    const KL_GLOBAL kl_material *m = &s->materials[t->material];
+    const KL_GLOBAL kl_material *m = kl_material_at(s, t->material, time);
     if ((m->flags & (KL_MAT_ALPHA_MASK | KL_MAT_ALPHA_BLEND)) == 0u) return 1.0f;
     const kl_uv uv = kl_hit_uv_if_needed(s, t, h);
     const float a = kl_base_color(s, t, m, h, &uv).a;
@@ -127,12 +130,16 @@ KL_FN kl_vec3 kl_leave_surface(const kl_scene_view *s, kl_vec3 p, kl_vec3 n)
 
 KL_FN kl_vec3 kl_normal_map(const kl_scene_view *s, const KL_GLOBAL kl_triangle *t,
                             const KL_GLOBAL kl_material *m, const kl_hit *h, const kl_uv *uv,
-                            kl_vec3 n)
+                            kl_vec3 n, float time)
 {
     const KL_GLOBAL float *a = s->tangents + 4 * t->v[0];
     const KL_GLOBAL float *b = s->tangents + 4 * t->v[1];
     const KL_GLOBAL float *c = s->tangents + 4 * t->v[2];
-    const kl_vec3 raw = kl_lerp3(kl_v3_load(a), kl_v3_load(b), kl_v3_load(c), h->u, h->v);
+    kl_vec3 raw = kl_lerp3(kl_v3_load(a), kl_v3_load(b), kl_v3_load(c), h->u, h->v);
+    if (kl_instance_moves(s, h->instance) && s->moving[h->instance].deforms) {
+        const kl_corners k = kl_corners_at(&s->moving[h->instance], s->step_tangents, t, time);
+        raw = kl_lerp3(k.a, k.b, k.c, h->u, h->v);
+    }
     const kl_vec3 flat = kl_v3_mad(raw, -kl_dot(raw, n), n);
     if (!(kl_dot(flat, flat) > 1e-12f)) return n;
     const kl_vec3 tangent = kl_normalize(flat);
@@ -180,24 +187,34 @@ KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit
                          kl_surface *out)
 {
     const KL_GLOBAL kl_triangle *t = &s->triangles[h->triangle];
-    const KL_GLOBAL kl_material *m = &s->materials[t->material];
-    const kl_vec3 a = kl_v3_load(s->positions + 3 * t->v[0]);
-    const kl_vec3 b = kl_v3_load(s->positions + 3 * t->v[1]);
-    const kl_vec3 c = kl_v3_load(s->positions + 3 * t->v[2]);
+    const KL_GLOBAL kl_material *m = kl_material_at(s, t->material, ray->time);
+    const int moves = kl_instance_moves(s, h->instance);
+    kl_corners p = kl_corners_of(s->positions, t);
+    kl_corners n = kl_corners_of(s->normals, t);
+    if (moves && s->moving[h->instance].deforms) {
+        p = kl_corners_at(&s->moving[h->instance], s->step_positions, t, ray->time);
+        n = kl_corners_at(&s->moving[h->instance], s->step_normals, t, ray->time);
+    }
     const kl_uv uv = kl_hit_uv_if_needed(s, t, h);
     const kl_rgba base = kl_base_color(s, t, m, h, &uv);
-    kl_vec3 ns =
-        kl_lerp3(kl_v3_load(s->normals + 3 * t->v[0]), kl_v3_load(s->normals + 3 * t->v[1]),
-                 kl_v3_load(s->normals + 3 * t->v[2]), h->u, h->v);
-    kl_vec3 ng = kl_cross(kl_v3_sub(b, a), kl_v3_sub(c, a));
+    kl_vec3 ns = kl_lerp3(n.a, n.b, n.c, h->u, h->v);
+    kl_vec3 ng = kl_cross(kl_v3_sub(p.b, p.a), kl_v3_sub(p.c, p.a));
     kl_vec3 bent = ns;
 
     if (KL_NEEDS(s, KL_NEED_NORMAL_MAPS) && m->tex[KL_TEX_NORMAL].texture != KL_NONE) {
-        bent = kl_normal_map(s, t, m, h, &uv, kl_normalize(ns));
+        bent = kl_normal_map(s, t, m, h, &uv, kl_normalize(ns), ray->time);
     }
-    out->pos = kl_lerp3(a, b, c, h->u, h->v);
+    out->pos = kl_lerp3(p.a, p.b, p.c, h->u, h->v);
     out->object = t->object;
-    if (KL_NEEDS(s, KL_NEED_INSTANCES) && h->instance != 0u) {
+    out->time = ray->time;
+    if (moves && !s->moving[h->instance].deforms) {
+        const kl_map x = kl_map_at(s, &s->moving[h->instance], ray->time);
+        out->pos = kl_map_point(&x, out->pos);
+        ng = kl_map_normal(&x, ng);
+        ns = kl_map_normal(&x, ns);
+        bent = kl_map_normal(&x, bent);
+        out->object = s->instances[h->instance].object;
+    } else if (KL_NEEDS(s, KL_NEED_INSTANCES) && h->instance != 0u) {
         const KL_GLOBAL kl_instance *i = &s->instances[h->instance];
         out->pos = kl_affine_point(i->render_from_object, out->pos);
         ng = kl_affine_normal(i->object_from_render, ng);
@@ -211,6 +228,7 @@ KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit
     /* The inverse transpose keeps each side's image on its side, also where the map mirrors: the
      * front is what glTF 3.7.4 calls it. */
     const int front = kl_dot(ng, ray->dir) < 0.0f;
+    out->front = front;
     if (!front) ng = kl_v3_scale(ng, -1.0f);
     if (kl_dot(ns, ng) < 0.0f) {
         ns = kl_v3_scale(ns, -1.0f);
@@ -238,6 +256,14 @@ KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit
     }
 }
 
+/* Ray from a surface point, at the surface's time. */
+KL_FN kl_ray kl_ray_leave(const kl_scene_view *scene, const kl_surface *s, kl_vec3 dir)
+{
+    kl_ray r = kl_ray_make(kl_leave_surface(scene, s->pos, s->geometric), dir, KL_INF);
+    r.time = s->time;
+    return r;
+}
+
 #define KL_MAX_LAYERS 64 /* transparent surfaces a ray may pass */
 
 /* Nearest opaque hit; partly transparent surfaces are taken with the probability of their alpha,
@@ -249,7 +275,7 @@ KL_FN int kl_intersect(const kl_scene_view *s, const kl_ray *ray, kl_u32 seed, k
     if (!KL_NEEDS(s, KL_NEED_ALPHA)) return kl_trace_closest(s, &r, hit);
     for (int layer = 0; layer < KL_MAX_LAYERS; ++layer) {
         if (!kl_trace_closest(s, &r, hit)) return 0;
-        const float alpha = kl_hit_alpha(s, hit);
+        const float alpha = kl_hit_alpha(s, hit, r.time);
         if (alpha >= 1.0f) return 1;
         if (alpha > 0.0f &&
             kl_unit_float(kl_hash2(seed, hit->triangle * 64u + (kl_u32)layer)) < alpha) {
@@ -269,7 +295,7 @@ KL_FN float kl_transmittance(const kl_scene_view *s, const kl_ray *ray)
     for (int layer = 0; layer < KL_MAX_LAYERS; ++layer) {
         kl_hit hit;
         if (!kl_trace_closest(s, &r, &hit)) return through;
-        through *= 1.0f - kl_hit_alpha(s, &hit);
+        through *= 1.0f - kl_hit_alpha(s, &hit, r.time);
         if (through < 1e-4f) return 0.0f;
         r.tmin = hit.t * (1.0f + 4e-6f) + 1e-6f * s->scene_radius;
     }

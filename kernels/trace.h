@@ -1,4 +1,5 @@
-/* Rays and hits. The host answers with Embree (src/trace/tracer.c), devices with kernels/bvh.h. */
+/* Rays and hits. The host answers with Embree (src/trace/tracer.c), devices with kernels/bvh.h, at
+ * the reference instant only. */
 #ifndef KL_KERNELS_TRACE_H
 #define KL_KERNELS_TRACE_H
 #include "kernels/scene_data.h"
@@ -8,6 +9,7 @@ typedef struct kl_ray {
     float tmin;     /* in units of |dir| */
     kl_vec3 dir;    /* unit */
     float tmax;     /* KL_INF: unlimited */
+    float time;     /* [0, 1] while the shutter is open; of no effect where nothing moves */
 } kl_ray;
 
 typedef struct kl_hit {
@@ -17,6 +19,7 @@ typedef struct kl_hit {
     kl_u32 instance; /* index into instances */
 } kl_hit;
 
+/* A ray at the reference instant. */
 KL_FN kl_ray kl_ray_make(kl_vec3 origin, kl_vec3 dir, float tmax)
 {
     kl_ray r;
@@ -24,6 +27,7 @@ KL_FN kl_ray kl_ray_make(kl_vec3 origin, kl_vec3 dir, float tmax)
     r.dir = dir;
     r.tmin = 0.0f;
     r.tmax = tmax;
+    r.time = KL_TIME_REFERENCE;
     return r;
 }
 

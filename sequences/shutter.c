@@ -3,6 +3,7 @@
 #include "sequences/text_impl.h"
 
 #include <math.h>
+#include <string.h>
 
 static const double longest_frames = 10.0;
 
@@ -92,6 +93,71 @@ kl_status kl_shutter_parse_offset(const char *text, double *out, struct kl_err *
     struct text t = text_start("shutter offset", text);
 
     return read_frames(&t, true, out, err);
+}
+
+static void set_cosine(struct kl_shutter_curve *curve)
+{
+    enum { COUNT = 33 };
+    curve->count = COUNT;
+    for (int i = 0; i < COUNT; ++i) {
+        curve->weights[i] = 0.5 - 0.5 * cos(2.0 * 3.14159265358979323846 * i / (COUNT - 1));
+    }
+}
+
+kl_status kl_shutter_parse_curve(const char *text, struct kl_shutter_curve *out, struct kl_err *err)
+{
+    struct text t = text_start("shutter curve", text);
+    struct kl_shutter_curve curve = {0};
+    double sum = 0.0;
+
+    if (strcmp(text, "cosine") == 0) set_cosine(&curve);
+    if (strcmp(text, "triangle") == 0) curve = (struct kl_shutter_curve){3, {0.0, 1.0, 0.0}};
+    if (strcmp(text, "box") == 0 || curve.count > 0) {
+        *out = curve;
+        return KL_OK;
+    }
+    do {
+        if (curve.count == KL_SHUTTER_WEIGHTS) {
+            return kl_fail(err, KL_ERR_USAGE, "shutter curve: more than %d weights",
+                           KL_SHUTTER_WEIGHTS);
+        }
+        kl_status st = text_read_decimal(&t, false, &curve.weights[curve.count], err);
+        if (st != KL_OK) return st;
+        sum += curve.weights[curve.count++];
+    } while (text_take(&t, ","));
+    if (!text_is_at_end(&t)) {
+        return text_fail(&t, "box, triangle, cosine or weights such as 0,1,1,0", err);
+    }
+    if (curve.count < 2 || !(sum > 0.0) || !isfinite(sum)) {
+        return kl_fail(err, KL_ERR_USAGE,
+                       "shutter curve \"%.60s\": expected 2 or more weights, not "
+                       "all 0",
+                       text);
+    }
+    *out = curve;
+    return KL_OK;
+}
+
+double kl_shutter_curve_time(const struct kl_shutter_curve *curve, double u)
+{
+    const double *w = curve->weights;
+    double total = 0.0;
+
+    if (curve->count < 2) return u;
+    for (uint32_t i = 0; i + 1 < curve->count; ++i) {
+        total += 0.5 * (w[i] + w[i + 1]);
+    }
+    double left = fmin(fmax(u, 0.0), 1.0) * total;
+    uint32_t i = 0;
+    while (i + 2 < curve->count && left > 0.5 * (w[i] + w[i + 1])) {
+        left -= 0.5 * (w[i] + w[i + 1]);
+        ++i;
+    }
+    /* Within the span the area up to x is w0 x + (w1 - w0) x^2 / 2. */
+    const double slope = w[i + 1] - w[i];
+    const double root = sqrt(fmax(0.0, w[i] * w[i] + 2.0 * slope * left));
+    const double x = w[i] + root > 0.0 ? 2.0 * left / (w[i] + root) : 0.0;
+    return ((double)i + fmin(x, 1.0)) / (double)(curve->count - 1);
 }
 
 struct kl_interval kl_shutter_interval(const struct kl_shutter *shutter, struct kl_fps fps,

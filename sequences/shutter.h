@@ -36,6 +36,21 @@ double kl_fps_get(struct kl_fps fps); /* [1/s] */
 kl_status kl_shutter_parse_length(const char *text, double *out, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_shutter_parse_offset(const char *text, double *out, struct kl_err *err) KL_MUST_CHECK;
 
+/* How open the shutter is from opening to closing: straight between weights at evenly spaced times.
+ */
+enum { KL_SHUTTER_WEIGHTS = 64 };
+struct kl_shutter_curve {
+    uint32_t count; /* 0: fully open all the time */
+    double weights[KL_SHUTTER_WEIGHTS];
+};
+
+/* "box", "triangle", "cosine", or 2 to 64 weights >= 0 with commas, not all 0. KL_ERR_USAGE
+ * otherwise. */
+kl_status kl_shutter_parse_curve(const char *text, struct kl_shutter_curve *out,
+                                 struct kl_err *err) KL_MUST_CHECK;
+/* The time in [0, 1] up to which the share `u` of the light gets in. */
+double kl_shutter_curve_time(const struct kl_shutter_curve *curve, double u);
+
 struct kl_interval kl_shutter_interval(const struct kl_shutter *shutter, struct kl_fps fps,
                                        int32_t frame);
 

@@ -51,7 +51,7 @@ static kl_status plan_existing(struct run *run, size_t i, struct kl_err *err)
     struct kl_renderer_info info;
     uint8_t settings[KL_DIGEST_SIZE];
     struct kl_plan plan = {0};
-    kl_status st = kl_renderer_set_time(job->renderer, job->frames[i].time, err);
+    kl_status st = kl_renderer_set_instants(job->renderer, &job->frames[i].instants, err);
 
     if (st == KL_OK && job->options->cache_mode == KL_CACHE_MODE_FREEZE) {
         st = kl_job_enter(job, i, err); /* the cache's generation counts */
@@ -113,12 +113,17 @@ static kl_status render_frame(struct run *run, size_t i, struct kl_report_frame 
                               struct kl_err *err)
 {
     struct kl_job *job = &run->job;
-    const struct kl_renderer_frame frame = {.camera = job->frames[i].camera,
-                                            .before = job->frames[i].before,
-                                            .frame = job->frames[i].frame,
-                                            .spp = job->options->spp,
-                                            .progress = note_render,
-                                            .progress_context = &job->progress};
+    const struct kl_renderer_frame frame = {
+        .camera = job->frames[i].camera,
+        .before = job->frames[i].before,
+        .cameras = job->frames[i].cameras,
+        .camera_count = job->frames[i].camera_count,
+        .times = job->shutter_times,
+        .time_count = job->shutter_times != NULL ? KL_SHUTTER_TIMES : 0,
+        .frame = kl_rig_sample_number(job->rig, job->frames[i].frame),
+        .spp = job->options->spp,
+        .progress = note_render,
+        .progress_context = &job->progress};
     char fingerprint[KL_FINGERPRINT_SIZE];
     const double start = kl_seconds();
     kl_status st = kl_renderer_frame(job->renderer, &frame, run->image, &entry->counts,

@@ -131,7 +131,8 @@ static kl_status set_provenance(const struct kl_job *job, const struct kl_frame_
     if (st == KL_OK) st = kl_image_set_string(image, "keeplight.generation", generation, err);
     if (st == KL_OK) st = kl_image_set_string(image, FINGERPRINT, file->fingerprint, err);
     if (st == KL_OK) st = kl_image_set_int(image, "keeplight.frame", frame->frame, err);
-    if (st == KL_OK) st = kl_image_set_double(image, "keeplight.time", frame->time, err);
+    if (st == KL_OK)
+        st = kl_image_set_double(image, "keeplight.time", frame->instants.reference, err);
     if (st == KL_OK) st = kl_image_set_string(image, "keeplight.shutter", shutter, err);
     if (st == KL_OK) st = kl_image_set_int(image, "keeplight.spp", (int32_t)o->spp, err);
     if (st == KL_OK) st = kl_image_set_double(image, "keeplight.seconds", file->seconds, err);

@@ -68,6 +68,24 @@ static kl_status create_renderer(struct kl_job *job, struct kl_err *err)
     return kl_renderer_create(job->scene, &settings, &job->renderer, err);
 }
 
+enum { SHUTTER_CAMERAS = 33 }; /* a camera turns little between two of them */
+
+/* The camera while the shutter is open. */
+static kl_status place_shutter_cameras(struct kl_job *job, struct kl_job_frame *f,
+                                       struct kl_err *err)
+{
+    const struct kl_shutter *shutter = &job->options->shutter;
+    kl_status st = kl_alloc_array(&f->cameras, SHUTTER_CAMERAS, sizeof *f->cameras, err);
+
+    for (int k = 0; st == KL_OK && k < SHUTTER_CAMERAS; ++k) {
+        const double share = (double)k / (SHUTTER_CAMERAS - 1);
+        st = kl_rig_camera(job->rig, f->frame, shutter->offset + (share - 0.5) * shutter->length,
+                           &f->cameras[k], err);
+    }
+    f->camera_count = SHUTTER_CAMERAS;
+    return st;
+}
+
 static kl_status place_cameras(struct kl_job *job, struct kl_err *err)
 {
     struct kl_frames list = {0};
@@ -77,12 +95,35 @@ static kl_status place_cameras(struct kl_job *job, struct kl_err *err)
     for (size_t i = 0; st == KL_OK && i < list.count; ++i) {
         struct kl_job_frame *f = &job->frames[i];
         f->frame = list.frames[i];
-        f->time = kl_rig_time(job->rig, f->frame);
-        st = kl_rig_camera(job->rig, f->frame, &f->camera, err);
-        if (st == KL_OK) st = kl_rig_camera(job->rig, f->frame - 1, &f->before, err);
+        const double offset = job->options->shutter.offset;
+        const struct kl_interval interval = kl_rig_interval(job->rig, f->frame);
+        f->instants = (struct kl_renderer_instants){
+            .reference = interval.reference,
+            .open = interval.open,
+            .close = interval.close,
+            .before = kl_rig_interval(job->rig, f->frame - 1).reference};
+        st = kl_rig_camera(job->rig, f->frame, offset, &f->camera, err);
+        if (st == KL_OK) st = kl_rig_camera(job->rig, f->frame - 1, offset, &f->before, err);
+        if (st == KL_OK && job->options->shutter.length > 0.0 &&
+            kl_rig_moves(job->rig, job->animation)) {
+            st = place_shutter_cameras(job, f, err);
+        }
     }
-    if (st == KL_OK) job->frame_count = list.count;
+    job->frame_count = list.count;
     kl_frames_fini(&list);
+    return st;
+}
+
+static kl_status make_shutter_times(struct kl_job *job, struct kl_err *err)
+{
+    const struct kl_shutter_curve *curve = &job->options->shutter_curve;
+
+    if (curve->count == 0) return KL_OK;
+    kl_status st = kl_alloc_array(&job->shutter_times, KL_SHUTTER_TIMES, sizeof(float), err);
+    for (int i = 0; st == KL_OK && i < KL_SHUTTER_TIMES; ++i) {
+        job->shutter_times[i] =
+            (float)kl_shutter_curve_time(curve, (double)i / (KL_SHUTTER_TIMES - 1));
+    }
     return st;
 }
 
@@ -94,15 +135,15 @@ kl_status kl_job_init(struct kl_job *job, const struct kl_options *options, stru
     if (options->threads > 0) omp_set_num_threads((int)options->threads);
     choose_mode(job);
     kl_progress_init(&job->progress, options);
-    if (options->shutter.length > 0.0) {
-        kl_say_warning(NULL, "--shutter: this version renders no motion blur, only the instant at "
-                             "the shutter's centre");
-    }
+    if (st == KL_OK) st = make_shutter_times(job, err);
     if (st == KL_OK) st = kl_scene_file_load(options, &job->scene, &job->animation, err);
+    if (st == KL_OK && options->object_turns) {
+        st = kl_scene_set_turn(job->scene, kl_fps_get(options->fps), options->turntable, err);
+    }
     if (st == KL_OK) st = create_renderer(job, err);
     if (st == KL_OK) st = kl_rig_create(job->scene, job->renderer, options, &job->rig, err);
     if (st == KL_OK) st = place_cameras(job, err);
-    if (st == KL_OK) st = kl_renderer_set_time(job->renderer, job->frames[0].time, err);
+    if (st == KL_OK) st = kl_renderer_set_instants(job->renderer, &job->frames[0].instants, err);
     return st;
 }
 
@@ -111,7 +152,11 @@ void kl_job_fini(struct kl_job *job)
     kl_rig_destroy(job->rig);
     kl_renderer_destroy(job->renderer);
     kl_scene_destroy(job->scene);
+    for (size_t i = 0; job->frames != NULL && i < job->frame_count; ++i) {
+        free(job->frames[i].cameras);
+    }
     free(job->frames);
+    free(job->shutter_times);
     *job = (struct kl_job){0};
 }
 
@@ -171,7 +216,7 @@ static kl_status open_cache(struct kl_job *job, struct kl_err *err)
 
 kl_status kl_job_enter(struct kl_job *job, size_t i, struct kl_err *err)
 {
-    kl_status st = kl_renderer_set_time(job->renderer, job->frames[i].time, err);
+    kl_status st = kl_renderer_set_instants(job->renderer, &job->frames[i].instants, err);
 
     if (kl_renderer_is_moving(job->renderer)) job->is_open = false;
     if (st == KL_OK && job->has_cache && !job->is_open) st = open_cache(job, err);
@@ -212,20 +257,39 @@ static void tell_lost(struct kl_job *job)
     job->told_lost = true;
 }
 
+/* What has to be served for a frame: what is seen at its reference instant, and with blur what is
+ * seen first and last; their number. */
+static uint32_t add_cameras(const struct kl_job *job, const struct kl_job_frame *f,
+                            struct kl_camera out[3])
+{
+    struct kl_renderer_info info;
+    uint32_t used = 0;
+
+    out[used++] = f->camera;
+    kl_renderer_get_info(job->renderer, &info);
+    if (f->camera_count == 0 && info.moving_objects == 0) return used;
+    for (int end = 0; end < 2; ++end) {
+        out[used] = f->camera_count > 0 ? f->cameras[end ? f->camera_count - 1 : 0] : f->camera;
+        out[used++].time = (float)end;
+    }
+    return used;
+}
+
 kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill_stats *stats,
                       struct kl_err *err)
 {
     struct kl_camera *cameras = NULL;
+    uint32_t used = 0;
 
     *stats = (struct kl_fill_stats){0};
     if (!job->fills) return KL_OK;
-    kl_status st = kl_alloc_array(&cameras, count, sizeof *cameras, err);
+    kl_status st = kl_alloc_array(&cameras, count, 3 * sizeof *cameras, err);
     if (st != KL_OK) return st;
     for (size_t k = 0; k < count; ++k) {
-        cameras[k] = job->frames[i + k].camera;
+        used += add_cameras(job, &job->frames[i + k], cameras + used);
     }
     const struct kl_renderer_fill fill = {.cameras = cameras,
-                                          .camera_count = (uint32_t)count,
+                                          .camera_count = used,
                                           .keep = job->keeps,
                                           .must_keep = job->must_keep,
                                           .progress = note_fill,
@@ -290,6 +354,13 @@ void kl_job_settings_digest(const struct kl_job *job, size_t i, uint8_t digest[K
     kl_hash_update(&hash, origin, sizeof origin);
     hash_camera(&hash, &job->frames[i].camera);
     hash_camera(&hash, &job->frames[i].before);
+    for (uint32_t k = 0; k < job->frames[i].camera_count; ++k) {
+        hash_camera(&hash, &job->frames[i].cameras[k]);
+    }
+    kl_hash_update(&hash, info.motion_digest, sizeof info.motion_digest);
+    if (job->shutter_times != NULL) {
+        kl_hash_update(&hash, job->shutter_times, KL_SHUTTER_TIMES * sizeof(float));
+    }
     if (job->has_cache && o->cache_mode == KL_CACHE_MODE_FREEZE) {
         kl_hash_update(&hash, &state.generation, sizeof state.generation);
     }

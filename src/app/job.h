@@ -9,12 +9,14 @@
 #include "src/render/renderer.h"
 #include "src/scene/scene.h"
 
-enum { KL_JOB_PATH_SIZE = 4096 };
+enum { KL_JOB_PATH_SIZE = 4096, KL_SHUTTER_TIMES = 257 };
 
 struct kl_job_frame {
     int32_t frame;
-    double time;                     /* [s] its instant */
+    struct kl_renderer_instants instants;
     struct kl_camera camera, before; /* before: one frame earlier */
+    struct kl_camera *cameras;       /* while the shutter is open; NULL: it stands still */
+    uint32_t camera_count;
 };
 
 struct kl_job {
@@ -35,6 +37,7 @@ struct kl_job {
     bool must_keep;  /* what is not kept on disk is worth nothing: bake */
     bool told_lost;  /* that the disk takes no more */
     uint32_t loaded; /* records that the last opening found */
+    float *shutter_times; /* KL_SHUTTER_TIMES of the curve, NULL: open all the time */
     struct kl_progress progress;
 };
 

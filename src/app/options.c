@@ -18,6 +18,7 @@ enum option_id {
     OPT_FPS,
     OPT_SHUTTER,
     OPT_SHUTTER_OFFSET,
+    OPT_SHUTTER_CURVE,
     OPT_CAMERA,
     OPT_TURNTABLE,
     OPT_PATH,
@@ -60,6 +61,9 @@ enum option_id {
     OPT_HEAT,
 };
 
+/* Frames of a turn where --turntable object gives none: 5 seconds. */
+enum { OBJECT_TURN = 120 };
+
 #define TEXT(name, id, help, value)                                                                \
     {                                                                                              \
         name, '\0', POPT_ARG_STRING, NULL, id, help, value                                         \
@@ -90,8 +94,12 @@ static const struct poptOption render_options[] = {
     TEXT("shutter", OPT_SHUTTER, "Shutter: 180 (degrees) or 0.5f (frames) (default: 0, no blur)",
          "LENGTH"),
     TEXT("shutter-offset", OPT_SHUTTER_OFFSET, "Move the shutter's centre (default: 0)", "LENGTH"),
+    TEXT("shutter-curve", OPT_SHUTTER_CURVE,
+         "How it opens and closes: box, triangle, cosine or weights as 0,1,1,0 (default: box)",
+         "CURVE"),
     TEXT("camera", OPT_CAMERA, "Camera of the scene (default: the first)", "NAME"),
-    TEXT("turntable", OPT_TURNTABLE, "Orbit the scene once in N frames", "N"),
+    TEXT("turntable", OPT_TURNTABLE,
+         "Orbit the scene once in N frames; object:N turns the object instead (object: 120)", "N"),
     TEXT("path", OPT_PATH, "Fly along a keyframed path", "FILE.json"),
     TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),
     TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N"),
@@ -312,6 +320,16 @@ static void set_flag(struct kl_options *o, int id)
     if (id == OPT_REPAIR) o->repair = true;
 }
 
+/* "96" or "camera:96": the camera goes round; "object", "object:96": the object turns. */
+static kl_status set_turntable(struct kl_options *o, const char *text, struct kl_err *err)
+{
+    o->object_turns = strncmp(text, "object", 6) == 0;
+    o->turntable = OBJECT_TURN;
+    if (strcmp(text, "object") == 0) return KL_OK;
+    if (strncmp(text, "object:", 7) == 0 || strncmp(text, "camera:", 7) == 0) text += 7;
+    return kl_option_read_u32("turntable", text, 1, 1000000, &o->turntable, err);
+}
+
 /* Options whose value is a number. */
 static kl_status set_number(struct kl_options *o, int id, const char *text, struct kl_err *err)
 {
@@ -322,8 +340,10 @@ static kl_status set_number(struct kl_options *o, int id, const char *text, stru
         return kl_shutter_parse_length(text, &o->shutter.length, err);
     case OPT_SHUTTER_OFFSET:
         return kl_shutter_parse_offset(text, &o->shutter.offset, err);
+    case OPT_SHUTTER_CURVE:
+        return kl_shutter_parse_curve(text, &o->shutter_curve, err);
     case OPT_TURNTABLE:
-        return kl_option_read_u32("turntable", text, 1, 1000000, &o->turntable, err);
+        return set_turntable(o, text, err);
     case OPT_SIZE:
         return kl_option_read_size("size", text, &o->width, &o->height, err);
     case OPT_SPP:
@@ -543,7 +563,8 @@ static kl_status check_arguments(const struct kl_options *o, const struct kl_opt
         return kl_fail(err, KL_ERR_USAGE, "%s: unexpected argument '%s'", use->name,
                        o->arguments[use->most]);
     }
-    const int flights = (o->camera != NULL) + (o->turntable > 0) + (o->path != NULL);
+    const int flights =
+        (o->camera != NULL) + (o->turntable > 0 && !o->object_turns) + (o->path != NULL);
     if (flights > 1) {
         return kl_fail(err, KL_ERR_USAGE, "--camera, --turntable and --path exclude each other");
     }

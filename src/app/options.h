@@ -50,8 +50,10 @@ struct kl_options {
     struct kl_frames frames;
     struct kl_fps fps;
     struct kl_shutter shutter;
+    struct kl_shutter_curve shutter_curve;
     char *camera, *path;
     uint32_t turntable; /* frames of a turn, 0: none */
+    bool object_turns;  /* the turntable carries the object, not the camera */
     uint32_t width, height, spp;
 
     enum kl_indirect_option indirect;

@@ -63,6 +63,12 @@ static kl_status create_orbit(struct kl_rig *rig, struct kl_renderer *renderer, 
     return kl_flight_create_orbit(&orbit, &rig->flight, err);
 }
 
+/* --turntable for the camera. */
+static bool orbits(const struct kl_options *o)
+{
+    return o->turntable > 0 && !o->object_turns;
+}
+
 kl_status kl_rig_create(const struct kl_scene *scene, struct kl_renderer *renderer,
                         const struct kl_options *options, struct kl_rig **out, struct kl_err *err)
 {
@@ -82,8 +88,8 @@ kl_status kl_rig_create(const struct kl_scene *scene, struct kl_renderer *render
         }
     } else if (o->camera != NULL) {
         st = find_camera(scene, o->camera, &rig->camera, err);
-    } else if (o->turntable > 0 || scene->camera_count == 0) {
-        rig->stands = o->turntable == 0;
+    } else if (orbits(o) || scene->camera_count == 0) {
+        rig->stands = !orbits(o);
         st = create_orbit(rig, renderer, err);
     }
     if (st != KL_OK) {
@@ -125,9 +131,7 @@ static bool animation_range(const struct kl_scene *scene, uint32_t animation, do
 /* Whether one frame differs from the next: a still camera in a still scene needs one. */
 static bool moves(const struct kl_rig *rig, uint32_t animation)
 {
-    if (kl_renderer_is_moving(rig->renderer)) return true;
-    return rig->flight == NULL &&
-           kl_node_is_animated(rig->scene, animation, rig->scene->cameras[rig->camera].node);
+    return kl_renderer_is_moving(rig->renderer) || kl_rig_moves(rig, animation);
 }
 
 kl_status kl_rig_frames(const struct kl_rig *rig, uint32_t animation, struct kl_frames *out,
@@ -164,27 +168,40 @@ kl_status kl_rig_frames(const struct kl_rig *rig, uint32_t animation, struct kl_
     return kl_frames_parse(text, out, err);
 }
 
-double kl_rig_time(const struct kl_rig *rig, int32_t frame)
+struct kl_interval kl_rig_interval(const struct kl_rig *rig, int32_t frame)
 {
     const struct kl_options *o = rig->options;
-    return kl_shutter_interval(&o->shutter, o->fps, frame).reference;
+    return kl_shutter_interval(&o->shutter, o->fps, frame);
 }
 
-kl_status kl_rig_camera(const struct kl_rig *rig, int32_t frame, struct kl_camera *out,
-                        struct kl_err *err)
+bool kl_rig_moves(const struct kl_rig *rig, uint32_t animation)
+{
+    return rig->flight != NULL
+               ? !rig->stands
+               : kl_node_is_animated(rig->scene, animation, rig->scene->cameras[rig->camera].node);
+}
+
+kl_status kl_rig_camera(const struct kl_rig *rig, int32_t frame, double fraction,
+                        struct kl_camera *out, struct kl_err *err)
 {
     const struct kl_options *o = rig->options;
+    const struct kl_shutter instant = {0.0, fraction};
     struct kl_look view;
     double origin[3];
 
     if (rig->flight == NULL) {
-        return kl_renderer_camera(rig->renderer, rig->camera, kl_rig_time(rig, frame), o->width,
-                                  o->height, out, err);
+        const double time = kl_shutter_interval(&instant, o->fps, frame).reference;
+        return kl_renderer_camera(rig->renderer, rig->camera, time, o->width, o->height, out, err);
     }
-    kl_flight_get_view(rig->flight, rig->stands ? 1 : frame, rig->stands ? 0.0 : o->shutter.offset,
-                       &view);
+    kl_flight_get_view(rig->flight, rig->stands ? 1 : frame, rig->stands ? 0.0 : fraction, &view);
     kl_renderer_get_origin(rig->renderer, origin);
     *out =
         kl_camera_look_at(view.eye, view.target, view.up, view.yfov, origin, o->width, o->height);
     return KL_OK;
+}
+
+int64_t kl_rig_sample_number(const struct kl_rig *rig, int32_t frame)
+{
+    const int64_t count = rig->options->turntable;
+    return count > 0 ? ((frame - 1) % count + count) % count + 1 : frame;
 }

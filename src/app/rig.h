@@ -22,9 +22,14 @@ void kl_rig_destroy(struct kl_rig *rig); /* accepts NULL */
  * caller's: kl_frames_fini. */
 kl_status kl_rig_frames(const struct kl_rig *rig, uint32_t animation, struct kl_frames *out,
                         struct kl_err *err) KL_MUST_CHECK;
-/* Instant of a frame [s]: the centre of its shutter. */
-double kl_rig_time(const struct kl_rig *rig, int32_t frame);
-kl_status kl_rig_camera(const struct kl_rig *rig, int32_t frame, struct kl_camera *out,
-                        struct kl_err *err) KL_MUST_CHECK;
+/* Instants of a frame [s]: centre, opening and closing of its shutter. */
+struct kl_interval kl_rig_interval(const struct kl_rig *rig, int32_t frame);
+/* Whether it moves at all. */
+bool kl_rig_moves(const struct kl_rig *rig, uint32_t animation);
+/* The camera at a frame plus a fraction of a frame. */
+kl_status kl_rig_camera(const struct kl_rig *rig, int32_t frame, double fraction,
+                        struct kl_camera *out, struct kl_err *err) KL_MUST_CHECK;
+/* Number that decides a frame's samples: frames that show the same on a turntable have the same. */
+int64_t kl_rig_sample_number(const struct kl_rig *rig, int32_t frame);
 
 #endif

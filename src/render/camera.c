@@ -1,5 +1,7 @@
 #include "src/render/camera.h"
 
+#include "kernels/motion.h"
+
 #include <math.h>
 
 static kl_vec3 unit_of(const double v[3])
@@ -28,10 +30,10 @@ struct kl_camera kl_camera_from_scene(const struct kl_scene *scene, const struct
                                       uint32_t index, const double origin[3], uint32_t width,
                                       uint32_t height)
 {
-    const struct kl_scene_camera *in = &scene->cameras[index];
+    const struct kl_scene_camera *in = kl_pose_camera(scene, pose, index);
     const double *m = pose->world_from_node + 16 * (size_t)in->node;
     const double forward[3] = {-m[8], -m[9], -m[10]};
-    struct kl_camera c = {.width = width, .height = height};
+    struct kl_camera c = {.width = width, .height = height, .time = KL_TIME_REFERENCE};
     const float aspect = (float)width / (float)height;
 
     c.eye = render_from_world(m + 12, origin);
@@ -47,7 +49,7 @@ struct kl_camera kl_camera_look_at(const double eye[3], const double target[3], 
                                    uint32_t height)
 {
     const double forward[3] = {target[0] - eye[0], target[1] - eye[1], target[2] - eye[2]};
-    struct kl_camera c = {.width = width, .height = height};
+    struct kl_camera c = {.width = width, .height = height, .time = KL_TIME_REFERENCE};
 
     c.eye = render_from_world(eye, origin);
     set_axes(&c, unit_of(forward), unit_of(up));
@@ -56,16 +58,40 @@ struct kl_camera kl_camera_look_at(const double eye[3], const double target[3], 
     return c;
 }
 
+struct kl_camera kl_camera_at(const struct kl_camera *cameras, uint32_t count, float time)
+{
+    const kl_blend b = kl_blend_at(count, time);
+    struct kl_camera c = cameras[b.step];
+
+    if (b.share > 0.0f) {
+        const struct kl_camera *next = &cameras[b.step + 1];
+        c.eye = kl_mix3(c.eye, next->eye, b.share);
+        c.half_width = kl_mix(c.half_width, next->half_width, b.share);
+        c.half_height = kl_mix(c.half_height, next->half_height, b.share);
+        set_axes(&c, kl_normalize(kl_mix3(c.forward, next->forward, b.share)),
+                 kl_mix3(c.up, next->up, b.share));
+    }
+    c.time = time;
+    return c;
+}
+
+static kl_ray ray_at(kl_vec3 origin, kl_vec3 dir, float time)
+{
+    kl_ray ray = kl_ray_make(origin, dir, KL_INF);
+    ray.time = time;
+    return ray;
+}
+
 kl_ray kl_camera_ray(const struct kl_camera *c, float x, float y)
 {
     const float sx = (2.0f * x / (float)c->width - 1.0f) * c->half_width;
     const float sy = (1.0f - 2.0f * y / (float)c->height) * c->half_height;
     if (c->orthographic) {
         const kl_vec3 o = kl_v3_mad(kl_v3_mad(c->eye, sx, c->right), sy, c->up);
-        return kl_ray_make(o, c->forward, KL_INF);
+        return ray_at(o, c->forward, c->time);
     }
     const kl_vec3 d = kl_v3_mad(kl_v3_mad(c->forward, sx, c->right), sy, c->up);
-    return kl_ray_make(c->eye, kl_normalize(d), KL_INF);
+    return ray_at(c->eye, kl_normalize(d), c->time);
 }
 
 bool kl_camera_project(const struct kl_camera *c, kl_vec3 p, float *x, float *y, float *depth)

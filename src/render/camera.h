@@ -14,6 +14,7 @@ struct kl_camera {
     kl_vec3 eye;                   /* [m], render space */
     kl_vec3 right, up, forward;    /* unit, orthogonal */
     float half_width, half_height; /* of the image: at distance 1, or [m] where orthographic */
+    float time;                    /* of its rays, [0, 1] while the shutter is open */
 };
 
 /* The scene's camera number `index` at a pose. The image keeps the vertical field of view (and the
@@ -25,6 +26,10 @@ struct kl_camera kl_camera_from_scene(const struct kl_scene *scene, const struct
 struct kl_camera kl_camera_look_at(const double eye[3], const double target[3], const double up[3],
                                    double yfov, const double origin[3], uint32_t width,
                                    uint32_t height);
+
+/* A camera that moves while the shutter is open: `cameras` are `count` >= 1 states at evenly spaced
+ * times. */
+struct kl_camera kl_camera_at(const struct kl_camera *cameras, uint32_t count, float time);
 
 /* Ray through the point (x, y) of the image [pixels], (0, 0) its upper left corner. */
 kl_ray kl_camera_ray(const struct kl_camera *camera, float x, float y);

@@ -1,5 +1,6 @@
 #include "src/render/frame.h"
 
+#include "kernels/motion.h"
 #include "src/base/memory.h"
 
 #include <omp.h>
@@ -168,7 +169,7 @@ static void sample_values(const struct kl_parts *p, float values[SAMPLED])
 }
 
 /* Normal, position, depth, motion and id of what the pixel's centre sees. Motion [pixels] points
- * from here to where the same surface point was one frame earlier. */
+ * from here to where the same surface point was one frame earlier. All at the reference instant. */
 static uint32_t center_values(const struct kl_frame_job *job, uint32_t x, uint32_t y,
                               float values[VALUES])
 {
@@ -182,8 +183,8 @@ static uint32_t center_values(const struct kl_frame_job *job, uint32_t x, uint32
     float my;
 
     values[DEPTH] = KL_INF;
-    if (!kl_intersect(job->shade.scene, &ray, 0, &hit)) return KL_NONE;
-    kl_surface_at(job->shade.scene, &ray, &hit, &surface);
+    if (!kl_intersect(job->shade.reference, &ray, 0, &hit)) return KL_NONE;
+    kl_surface_at(job->shade.reference, &ray, &hit, &surface);
     put(values, NORMAL, surface.shading);
     put(values, POSITION, surface.pos);
     for (int k = 0; k < 3; ++k) {
@@ -191,11 +192,29 @@ static uint32_t center_values(const struct kl_frame_job *job, uint32_t x, uint32
     }
     (void)kl_camera_project(&job->camera, surface.pos, &mx, &my, &depth);
     values[DEPTH] = depth;
-    if (kl_camera_project(&job->before, surface.pos, &mx, &my, &depth)) {
+    const kl_vec3 was = kl_motion_point(job->before_motion, &hit, KL_TIME_REFERENCE, surface.pos);
+    if (kl_camera_project(&job->before, was, &mx, &my, &depth)) {
         values[MOTION] = mx - cx;
         values[MOTION + 1] = my - cy;
     }
     return surface.object;
+}
+
+static bool is_blurred(const struct kl_frame_job *job)
+{
+    return job->camera_count > 1 || KL_NEEDS(job->shade.scene, KL_NEED_MOTION);
+}
+
+/* When sample i of a pixel is taken: a dimension of its own, so that what stands still gets the
+ * samples that it gets without blur. */
+static float sample_time(const struct kl_frame_job *job, uint32_t i, uint32_t seed)
+{
+    kl_sampler sampler = kl_sampler_make(i, seed ^ 0x74696d65u);
+    const float u = kl_sampler_1d(&sampler);
+
+    if (job->time_count < 2) return u;
+    const kl_blend b = kl_blend_at(job->time_count, u);
+    return kl_mix(job->times[b.step], job->times[b.step + 1], b.share);
 }
 
 static uint32_t render_pixel(const struct kl_frame_job *job, uint32_t x, uint32_t y,
@@ -204,13 +223,25 @@ static uint32_t render_pixel(const struct kl_frame_job *job, uint32_t x, uint32_
     const uint32_t pixel = y * job->camera.width + x;
     const uint32_t seed = kl_hash2(kl_hash2(job->seed, pixel), 0x51ed27u);
     const float pixel_size = kl_camera_pixel_size(&job->camera, 1.0f);
+    const bool blurred = is_blurred(job);
     struct kl_reuse reuse = {0};
 
     memset(values, 0, VALUES * sizeof *values);
     for (uint32_t i = 0; i < job->spp; ++i) {
         kl_sampler sampler = kl_sampler_make(i, seed);
         const kl_vec2 u = kl_sampler_2d(&sampler);
-        const kl_ray ray = kl_camera_ray(&job->camera, (float)x + u.x, (float)y + u.y);
+        struct kl_camera moved;
+        const struct kl_camera *camera = &job->camera;
+        if (blurred) {
+            const float time = sample_time(job, i, seed);
+            moved = job->camera;
+            if (job->camera_count > 1) {
+                moved = kl_camera_at(job->cameras, job->camera_count, time);
+            }
+            moved.time = time;
+            camera = &moved;
+        }
+        const kl_ray ray = kl_camera_ray(camera, (float)x + u.x, (float)y + u.y);
         struct kl_parts parts;
         float sample[SAMPLED];
         if (job->shade.indirect == KL_INDIRECT_PATH) {

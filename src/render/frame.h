@@ -5,12 +5,18 @@
 #include "src/image/image.h"
 #include "src/render/camera.h"
 #include "src/render/shade.h"
+#include "src/scene/motion.h"
 
 struct kl_frame_job {
     struct kl_shade_context shade;
-    struct kl_camera camera;
-    struct kl_camera before; /* one frame earlier: motion vectors */
-    double origin[3];        /* [m] world position of render space's origin: the P layer */
+    struct kl_camera camera;         /* at the reference instant */
+    const struct kl_camera *cameras; /* evenly spaced while the shutter is open */
+    uint32_t camera_count;           /* 0: it stands still */
+    const float *times;              /* inverse of the shutter curve's cumulative share, evenly */
+    uint32_t time_count;             /* spaced; 0: open all the time */
+    struct kl_camera before;         /* one frame earlier: motion vectors */
+    const struct kl_motion *before_motion; /* things one frame earlier; NULL: where they are */
+    double origin[3]; /* [m] world position of render space's origin: the P layer */
     uint32_t spp;
     uint32_t seed; /* of this frame */
     /* Called by one thread now and then with the share that is done; true asks to stop. */

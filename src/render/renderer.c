@@ -9,6 +9,7 @@
 #include "src/render/turn.h"
 #include "src/scene/digest.h"
 #include "src/scene/flat.h"
+#include "src/scene/motion.h"
 #include "src/scene/scene_parts.h"
 #include "src/trace/tracer.h"
 
@@ -39,6 +40,8 @@ struct kl_renderer {
     float accuracy[KL_CACHE_LEVELS];
     struct kl_flat *flat;
     struct kl_scene_parts parts;
+    struct kl_motion *motion; /* while the shutter is open; NULL: nothing moves */
+    struct kl_motion *before; /* one frame earlier; NULL: as now */
     struct kl_tracer *tracer;
     struct kl_gatherer *gatherer;
     struct kl_gather_tables *tables[KL_CACHE_LEVELS];
@@ -129,10 +132,14 @@ static void leave_instant(struct kl_renderer *r)
     close_cache(r);
     kl_gatherer_destroy(r->gatherer);
     kl_tracer_destroy(r->tracer);
+    kl_motion_destroy(r->motion);
+    kl_motion_destroy(r->before);
     kl_parts_fini(&r->parts);
     kl_flat_destroy(r->flat);
     r->gatherer = NULL;
     r->tracer = NULL;
+    r->motion = NULL;
+    r->before = NULL;
     r->flat = NULL;
     r->ready = false;
 }
@@ -171,18 +178,53 @@ static kl_status make_parts(struct kl_renderer *r, const struct kl_pose *pose, s
     return KL_OK;
 }
 
+/* What moves, and rays that see it move. */
+static kl_status set_motion(struct kl_renderer *r, const struct kl_pose *pose,
+                            const struct kl_renderer_instants *t, struct kl_err *err)
+{
+    const struct kl_motion_span open = {t->open, t->close};
+    const struct kl_motion_span before = {t->before, t->before};
+    kl_status st = KL_OK;
+
+    if (r->moving && t->close > t->open) {
+        st = kl_motion_create(r->scene, r->settings.animation, pose, r->flat, &open, &r->motion,
+                              err);
+    }
+    if (st == KL_OK && r->moving && t->before != t->reference) {
+        st = kl_motion_create(r->scene, r->settings.animation, pose, r->flat, &before, &r->before,
+                              err);
+    }
+    if (st != KL_OK) return st;
+    return r->motion != NULL ? kl_tracer_create_moving(r->flat, r->motion, &r->tracer, err)
+                             : kl_tracer_create(r->flat, &r->tracer, err);
+}
+
+/* The scene at the reference instant, for rays that may also have other times. */
+static const kl_scene_view *reference_view(const struct kl_renderer *r)
+{
+    return r->motion != NULL ? &r->motion->reference : &r->flat->view;
+}
+
 kl_status kl_renderer_set_time(struct kl_renderer *renderer, double time, struct kl_err *err)
 {
+    const struct kl_renderer_instants instants = {time, time, time, time};
+    return kl_renderer_set_instants(renderer, &instants, err);
+}
+
+kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
+                                   const struct kl_renderer_instants *instants, struct kl_err *err)
+{
     struct kl_renderer *r = renderer;
+    const double time = r->moving ? instants->reference : 0.0;
     struct kl_pose *pose = NULL;
     kl_status st = KL_OK;
 
     if (r->ready && !r->moving) return KL_OK;
     leave_instant(r);
-    st = kl_pose_create(r->scene, r->settings.animation, r->moving ? time : 0.0, &pose, err);
+    st = kl_pose_create(r->scene, r->settings.animation, time, &pose, err);
     if (st == KL_OK) st = kl_flat_create(r->scene, pose, r->origin, &r->flat, err);
     if (st == KL_OK) st = make_parts(r, pose, err);
-    if (st == KL_OK) st = kl_tracer_create(r->flat, &r->tracer, err);
+    if (st == KL_OK) st = set_motion(r, pose, instants, err);
     if (st == KL_OK && r->settings.indirect == KL_INDIRECT_CACHE) {
         st = kl_gatherer_create(r->settings.device, r->flat, &r->gatherer, err);
     }
@@ -230,6 +272,16 @@ void kl_renderer_get_info(const struct kl_renderer *renderer, struct kl_renderer
         .device = renderer->gatherer != NULL ? kl_gatherer_get_name(renderer->gatherer) : "embree"};
     for (uint32_t i = 0; i < flat->instance_count; ++i) {
         info->triangles += flat->instances[i].triangle_count;
+    }
+    struct kl_hash hash;
+    kl_hash_init(&hash);
+    kl_motion_digest(renderer->motion, &hash);
+    kl_motion_digest(renderer->before, &hash);
+    kl_hash_finish(&hash, info->motion_digest);
+    if (renderer->motion != NULL) {
+        info->moving_objects = renderer->motion->rigid_count + renderer->motion->deforming_count;
+        info->moving_lights = renderer->motion->moving_lights;
+        info->most_steps = renderer->motion->most_steps;
     }
     memcpy(info->scene_digest, renderer->scene_digest, KL_DIGEST_SIZE);
     memcpy(info->settings_digest, renderer->settings_digest, KL_DIGEST_SIZE);
@@ -338,7 +390,7 @@ static kl_status open_revision(struct kl_renderer *r, const char *path, enum kl_
 {
     const struct kl_cache_settings settings = cache_settings(r);
     const struct kl_revision_query query = {.stale = {path, key, &r->parts},
-                                            .scene = &r->flat->view,
+                                            .scene = reference_view(r),
                                             .settings = &settings,
                                             .query = gather_query(),
                                             .touch = touch_share(r)};
@@ -473,7 +525,7 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
 {
     const bool keep = fill->keep && r->store != NULL;
     struct kl_fill_job job = {
-        .scene = &r->flat->view,
+        .scene = reference_view(r),
         .scene_radius = r->flat->radius,
         .cameras = fill->cameras,
         .camera_count = fill->camera_count,
@@ -526,12 +578,18 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
 {
     const struct kl_renderer *r = renderer;
     struct kl_frame_job job = {
-        .shade = {.scene = &r->flat->view,
+        .shade = {.scene = r->motion != NULL ? &r->motion->view : &r->flat->view,
+                  .reference = reference_view(r),
                   .indirect = r->settings.indirect,
                   .query = eye_query(),
                   .gather = {.query = gather_query(), .length_scale = length_scale}},
         .camera = frame->camera,
+        .cameras = frame->cameras,
+        .camera_count = frame->camera_count,
+        .times = frame->times,
+        .time_count = frame->time_count,
         .before = frame->before,
+        .before_motion = r->before,
         .spp = frame->spp,
         .seed = kl_hash2(r->settings.seed, (uint32_t)frame->frame),
         .progress = frame->progress,

@@ -30,6 +30,17 @@ kl_status kl_renderer_create(const struct kl_scene *scene,
                              struct kl_err *err) KL_MUST_CHECK;
 void kl_renderer_destroy(struct kl_renderer *renderer); /* accepts NULL */
 
+/* Instants of one frame [s]. */
+struct kl_renderer_instants {
+    double reference;   /* the shutter's centre: where records live */
+    double open, close; /* the same twice: no blur */
+    double before;      /* reference of the frame before: motion vectors */
+};
+/* Go to a frame's instants: as kl_renderer_set_time, and what moves is blurred. */
+kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
+                                   const struct kl_renderer_instants *instants,
+                                   struct kl_err *err) KL_MUST_CHECK;
+
 /* Go to an instant [s]. Cheap where nothing but cameras moves (after the first call): the cache
  * stays open. In a moving scene geometry is built anew and an open cache is closed. */
 kl_status kl_renderer_set_time(struct kl_renderer *renderer, double time,
@@ -49,7 +60,10 @@ struct kl_renderer_info {
     uint64_t triangles;
     uint8_t scene_digest[KL_DIGEST_SIZE];
     uint8_t settings_digest[KL_DIGEST_SIZE];
-    const char *device; /* who gathers, in words; borrowed */
+    uint8_t motion_digest[KL_DIGEST_SIZE]; /* of what moves while the shutter is open and how it got
+                                            * here from the frame before */
+    const char *device;                    /* who gathers, in words; borrowed */
+    uint32_t moving_objects, moving_lights, most_steps; /* while the shutter is open */
 };
 void kl_renderer_get_info(const struct kl_renderer *renderer, struct kl_renderer_info *info);
 
@@ -78,7 +92,7 @@ bool kl_renderer_get_revision(const struct kl_renderer *renderer,
                               struct kl_renderer_revision *revision);
 
 struct kl_renderer_fill {
-    const struct kl_camera *cameras; /* one per frame that will be rendered */
+    const struct kl_camera *cameras; /* one or more per frame that will be rendered */
     uint32_t camera_count;
     bool keep;      /* write batches and the finished cache to the store */
     bool must_keep; /* fail where the disk refuses; else go on in memory (kl_cache_state.lost) */
@@ -90,7 +104,11 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
 
 struct kl_renderer_frame {
     struct kl_camera camera, before; /* before: one frame earlier, for motion vectors */
-    int64_t frame;                   /* number: decides the image samples */
+    const struct kl_camera *cameras; /* while the shutter is open, evenly spaced; NULL: still */
+    uint32_t camera_count;
+    const float *times; /* kl_frame_job; NULL: open all the time */
+    uint32_t time_count;
+    int64_t frame; /* number: decides the image samples */
     uint32_t spp;
     bool (*progress)(void *context, double done);
     void *progress_context;

@@ -107,7 +107,8 @@ static float shadowed_light(const struct kl_revision *r, const kl_surface *surfa
     kl_light_sample light;
     const float choice = kl_sampler_1d(sampler);
     const kl_vec2 u = kl_sampler_2d(sampler);
-    if (!kl_light_sample_one(r->scene, surface->pos, surface->geometric, choice, u, &light)) {
+    if (!kl_light_sample_one(r->scene, surface->pos, surface->geometric, surface->time, choice, u,
+                             &light)) {
         return 0.0f;
     }
     const float cosine = kl_dot(surface->smooth, light.wi);

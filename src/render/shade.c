@@ -11,13 +11,15 @@ kl_vec3 kl_shade_emission(const struct kl_shade_context *context, const kl_ray *
         if (!(from->pdf > 0.0f)) return kl_env_radiance_smooth(s, ray->dir);
         const kl_vec3 sky = kl_env_radiance(s, ray->dir);
         if (kl_is_black(sky)) return sky;
-        const float p = kl_light_pdf(s, s->env.light, from->pos, from->normal, ray->dir, KL_INF);
+        const float p =
+            kl_light_pdf(s, s->env.light, from->pos, from->normal, ray->time, ray->dir, KL_INF);
         return kl_v3_scale(sky, kl_power_weight(from->pdf, p));
     }
     if (!(from->pdf > 0.0f) || surface->light == KL_NONE || kl_is_black(surface->emission)) {
         return surface->emission;
     }
-    const float p = kl_light_pdf(s, surface->light, from->pos, from->normal, ray->dir, hit->t);
+    const float p =
+        kl_light_pdf(s, surface->light, from->pos, from->normal, ray->time, ray->dir, hit->t);
     return kl_v3_scale(surface->emission, kl_power_weight(from->pdf, p));
 }
 
@@ -30,7 +32,8 @@ struct kl_direct kl_shade_direct(const struct kl_shade_context *context, const k
     const kl_vec2 u = kl_sampler_2d(sampler);
     kl_light_sample light;
 
-    if (!kl_light_sample_one(context->scene, surface->pos, surface->geometric, choice, u, &light)) {
+    if (!kl_light_sample_one(context->scene, surface->pos, surface->geometric, surface->time,
+                             choice, u, &light)) {
         return out;
     }
     if (!(kl_dot(surface->geometric, light.wi) > 0.0f)) return out;
@@ -69,8 +72,7 @@ static kl_vec3 direct_by_base(const struct kl_shade_context *context, const kl_s
     kl_surface other;
 
     if (!(kl_dot(dir, surface->geometric) > 0.0f) || !(local.z > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_ray_make(
-        kl_leave_surface(context->scene, surface->pos, surface->geometric), dir, KL_INF);
+    const kl_ray ray = kl_ray_leave(context->scene, surface, dir);
     ++counts->shadow;
     const bool found =
         kl_intersect(context->scene, &ray, kl_hash2(sampler->seed, sampler->index), &hit);
@@ -79,7 +81,23 @@ static kl_vec3 direct_by_base(const struct kl_shade_context *context, const kl_s
     return kl_v3_mul(albedo, kl_shade_emission(context, &ray, found ? &hit : NULL, &other, &from));
 }
 
-/* Irradiance by one short path: for samples that no record serves. Unbiased. */
+/* The surface point of a hit at the reference instant, seen from the side that was hit: `now` where
+ * it does not move, else *moved. */
+static const kl_surface *carry_back(const struct kl_shade_context *context, const kl_ray *ray,
+                                    const kl_hit *hit, const kl_surface *now, kl_surface *moved)
+{
+    if (!kl_instance_moves(context->scene, hit->instance)) return now;
+    kl_surface_at(context->reference, ray, hit, moved);
+    if (moved->front != now->front) {
+        moved->geometric = kl_v3_scale(moved->geometric, -1.0f);
+        moved->smooth = kl_v3_scale(moved->smooth, -1.0f);
+        moved->shading = kl_v3_scale(moved->shading, -1.0f);
+    }
+    return moved;
+}
+
+/* Irradiance at the reference instant by one short path: for samples that no record serves.
+ * Unbiased. */
 static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
                                kl_sampler *sampler, struct kl_counts *counts)
 {
@@ -87,10 +105,9 @@ static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_
     const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
     ++counts->late;
     if (!(kl_dot(dir, surface->geometric) > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_ray_make(
-        kl_leave_surface(context->scene, surface->pos, surface->geometric), dir, KL_INF);
-    const kl_gather_cell cell = kl_gather_ray(context->scene, &context->levels[1], &context->gather,
-                                              surface->smooth, ray, *sampler);
+    const kl_ray ray = kl_ray_make(kl_leave_surface(context->reference, surface->pos, surface->geometric), dir, KL_INF);
+    const kl_gather_cell cell = kl_gather_ray(context->reference, &context->levels[1],
+                                              &context->gather, surface->smooth, ray, *sampler);
     ++sampler->dim;
     return kl_v3_scale(kl_v3(cell.radiance[0], cell.radiance[1], cell.radiance[2]), KL_PI);
 }
@@ -118,8 +135,8 @@ static void remember(struct kl_reuse *reuse, const kl_surface *s, const kl_answe
     reuse->next ^= 1u;
 }
 
-/* Indirect irradiance at a hit: the records seen from the camera, then those seen by gather rays
- * (after a bounce), then a short path. */
+/* Indirect irradiance at a hit, at the reference instant: the records seen from the camera, then
+ * those seen by gather rays (after a bounce), then a short path. */
 static kl_answer find_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
                                  bool first, float footprint, struct kl_reuse *reuse,
                                  kl_sampler *sampler, struct kl_counts *counts, float *late)
@@ -170,8 +187,7 @@ static bool continue_specular(const struct kl_shade_context *context, const kl_s
     *beta = kl_v3_scale(kl_v3_mul(*beta, f), 1.0f / chance);
     /* The light sampler weighs the lobe's density times the chance to get here. */
     *from = (struct kl_bounce){pdf * chance, surface->pos, surface->geometric};
-    *ray =
-        kl_ray_make(kl_leave_surface(context->scene, surface->pos, surface->geometric), wi, KL_INF);
+    *ray = kl_ray_leave(context->scene, surface, wi);
     return true;
 }
 
@@ -221,10 +237,11 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
         kl_vec3 indirect = kl_v3_splat(0.0f);
         if (context->indirect == KL_INDIRECT_CACHE && !kl_is_black(albedo)) {
             float late;
+            kl_surface moved;
+            const kl_surface *at = carry_back(context, &ray, &hit, &surface, &moved);
             const float slope = kl_fmax(kl_dot(wo, surface.geometric), 0.1f);
-            const kl_answer a =
-                find_irradiance(context, &surface, first, pixel_size * length / slope, reuse,
-                                sampler, counts, &late);
+            const kl_answer a = find_irradiance(context, at, first, pixel_size * length / slope,
+                                                reuse, sampler, counts, &late);
             indirect = kl_v3_scale(kl_v3_mul(albedo, a.irr), KL_INV_PI);
             if (first) {
                 parts->irradiance = a.irr;

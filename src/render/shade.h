@@ -16,7 +16,9 @@ struct kl_counts { /* of rays and look-ups, for the report */
 
 /* What shading needs to know; constant while a frame renders, shared by all threads. */
 struct kl_shade_context {
-    const kl_scene_view *scene;
+    const kl_scene_view *scene; /* in motion, where anything moves */
+    const kl_scene_view
+        *reference; /* the same hits where the records are: at the shutter's centre */
     kl_level_view levels[KL_CACHE_LEVELS]; /* frozen */
     enum kl_indirect indirect;
     kl_query query;            /* of level 0 */
@@ -25,7 +27,8 @@ struct kl_shade_context {
 
 /* The last queries of a pixel that went to the records (Krivanek, SIGGRAPH 2008 course): samples
  * that hit close by take their answer. Compared with queries that were evaluated, not with the last
- * that reused one, so nothing drifts. Two, as an edge may run through the pixel. */
+ * that reused one, so nothing drifts. Two, as an edge may run through the pixel. Points and normals
+ * are those of the frame's reference instant. */
 struct kl_reuse {
     struct kl_reuse_entry {
         bool valid;

@@ -102,8 +102,7 @@ void kl_shade_path(const struct kl_shade_context *context, kl_ray ray, kl_sample
             beta = kl_v3_scale(beta, 1.0f / go_on);
         }
         from = (struct kl_bounce){pdf, surface.pos, surface.geometric};
-        ray = kl_ray_make(kl_leave_surface(context->scene, surface.pos, surface.geometric), wi,
-                          KL_INF);
+        ray = kl_ray_leave(context->scene, &surface, wi);
     }
     if (kl_max3(parts->albedo) > 1e-4f) { /* what irradiance this sample amounts to */
         const kl_vec3 e = parts->diffuse_indirect;

@@ -171,9 +171,14 @@ static void store_unit(float out[3], double x, double y, double z)
     out[2] = l > 0.0 ? (float)(z * s) : 1.0f;
 }
 
+/* What vertices are put to. */
+struct targets {
+    float *positions, *normals, *tangents; /* tangents may be NULL */
+};
+
 /* Put one instance's vertices into render space. */
-static void merge_vertices(struct kl_flat *flat, const struct kl_mesh *mesh,
-                           const struct kl_deformed *deformed, const double m[16], uint32_t first)
+static void place_vertices(const struct kl_mesh *mesh, const struct kl_deformed *deformed,
+                           const double m[16], const double origin[3], const struct targets *out)
 {
     const float *normals = deformed->normals != NULL ? deformed->normals : mesh->normals;
     const float *tangents = deformed->tangents != NULL ? deformed->tangents : mesh->tangents;
@@ -191,23 +196,43 @@ static void merge_vertices(struct kl_flat *flat, const struct kl_mesh *mesh,
         }
         kl_matrix_point(m, p, world);
         for (size_t k = 0; k < 3; ++k) {
-            flat->positions[3 * (first + v) + k] = (float)(world[k] - flat->origin[k]);
+            out->positions[3 * v + k] = (float)(world[k] - origin[k]);
         }
         double normal[3];
         for (int r = 0; r < 3; ++r) {
             normal[r] =
                 sign * (c[r] * (double)n[0] + c[3 + r] * (double)n[1] + c[6 + r] * (double)n[2]);
         }
-        store_unit(flat->normals + 3 * (first + v), normal[0], normal[1], normal[2]);
-        if (flat->tangents == NULL || tangents == NULL) continue;
+        store_unit(out->normals + 3 * v, normal[0], normal[1], normal[2]);
+        if (out->tangents == NULL || tangents == NULL) continue;
         const float *t = tangents + 4 * v;
         double bent[3];
         for (int r = 0; r < 3; ++r) {
             bent[r] = m[r] * (double)t[0] + m[4 + r] * (double)t[1] + m[8 + r] * (double)t[2];
         }
-        store_unit(flat->tangents + 4 * (first + v), bent[0], bent[1], bent[2]);
-        flat->tangents[4 * (first + v) + 3] = t[3] * (float)sign;
+        store_unit(out->tangents + 4 * v, bent[0], bent[1], bent[2]);
+        out->tangents[4 * v + 3] = t[3] * (float)sign;
     }
+}
+
+kl_status kl_flat_place_vertices(const struct kl_scene *scene, const struct kl_pose *pose,
+                                 uint32_t instance, const double origin[3], float *positions,
+                                 float *normals, float *tangents, struct kl_err *err)
+{
+    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+    const struct kl_scene_instance *inst = &scene->instances[instance];
+    const double *m = pose->world_from_node + 16 * (size_t)inst->node;
+    const struct targets targets = {positions, normals, tangents};
+    struct kl_deformed deformed = {0};
+
+    if (kl_instance_is_deformed(scene, instance)) {
+        kl_status st = kl_instance_deform(scene, pose, instance, &deformed, err);
+        if (st != KL_OK) return st;
+        if (deformed.in_world) m = identity;
+    }
+    place_vertices(&scene->meshes[inst->mesh], &deformed, m, origin, &targets);
+    kl_deformed_fini(&deformed);
+    return KL_OK;
 }
 
 /* Row-major 3x4 of a column-major 4x4, and of its inverse, in render space. */
@@ -261,21 +286,18 @@ static kl_status place_merged(const struct kl_scene *scene, const struct kl_pose
                               struct kl_flat *flat, uint32_t i, uint32_t first_vertex,
                               uint32_t first_triangle, struct kl_err *err)
 {
-    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     const struct kl_scene_instance *inst = &scene->instances[i];
     const struct kl_mesh *mesh = &scene->meshes[inst->mesh];
     const double *m = pose->world_from_node + 16 * (size_t)inst->node;
-    struct kl_deformed deformed = {0};
+    const size_t v = first_vertex;
+    kl_status st = kl_flat_place_vertices(
+        scene, pose, i, flat->origin, flat->positions + 3 * v, flat->normals + 3 * v,
+        flat->tangents != NULL ? flat->tangents + 4 * v : NULL, err);
 
-    if (kl_instance_is_deformed(scene, i)) {
-        kl_status st = kl_instance_deform(scene, pose, i, &deformed, err);
-        if (st != KL_OK) return st;
-        if (deformed.in_world) m = identity;
-    }
-    merge_vertices(flat, mesh, &deformed, m, first_vertex);
+    if (st != KL_OK) return st;
     copy_plain(flat, mesh, first_vertex);
-    copy_triangles(flat, mesh, first_vertex, first_triangle, inst->object, determinant3(m) < 0.0);
-    kl_deformed_fini(&deformed);
+    copy_triangles(flat, mesh, first_vertex, first_triangle, inst->object,
+                   inst->skin == KL_NONE && determinant3(m) < 0.0);
     return KL_OK;
 }
 
@@ -299,6 +321,7 @@ static kl_status place_geometry(const struct kl_scene *scene, const struct kl_po
         if (!plan->shared[i]) {
             kl_status st = place_merged(scene, pose, flat, i, vertex, triangle, err);
             if (st != KL_OK) return st;
+            flat->places[i] = (struct kl_flat_place){0, vertex, triangle};
             vertex += mesh->vertex_count;
             triangle += mesh->triangle_count;
             continue;
@@ -310,6 +333,8 @@ static kl_status place_geometry(const struct kl_scene *scene, const struct kl_po
             shared_vertex += mesh->vertex_count;
             shared_triangle += mesh->triangle_count;
         }
+        flat->places[i] = (struct kl_flat_place){instance, plan->first_vertex[inst->mesh],
+                                                 plan->first_triangle[inst->mesh]};
         kl_instance *out = &flat->instances[instance++];
         set_instance(out, pose->world_from_node + 16 * (size_t)inst->node, flat->origin);
         out->first_triangle = plan->first_triangle[inst->mesh];
@@ -380,13 +405,16 @@ kl_status kl_flat_create(const struct kl_scene *scene, const struct kl_pose *pos
     if (st != KL_OK) return st;
     memcpy(flat->origin, origin, sizeof flat->origin);
     st = make_plan(scene, pose, &plan, err);
-    if (st == KL_OK) st = kl_flat_add_materials(scene, flat, err);
+    if (st == KL_OK) st = kl_flat_add_materials(scene, pose, flat, err);
     if (st != KL_OK) goto cleanup;
     flat->vertex_count = plan.merged_vertices + plan.shared_vertices;
     flat->triangle_count = plan.merged_triangles + plan.shared_triangles;
     flat->instance_count = 1 + plan.instances;
     if (plan.instances > 0) flat->view.needs |= KL_NEED_INSTANCES;
     st = alloc_geometry(flat, err);
+    if (st == KL_OK) {
+        st = kl_alloc_array(&flat->places, scene->instance_count, sizeof *flat->places, err);
+    }
     if (st == KL_OK) st = place_geometry(scene, pose, &plan, flat, err);
     if (st != KL_OK) goto cleanup;
     set_bounds(flat);
@@ -411,6 +439,7 @@ cleanup:
 void kl_flat_destroy(struct kl_flat *flat)
 {
     if (flat == NULL) return;
+    free(flat->places);
     free(flat->positions);
     free(flat->normals);
     free(flat->tangents);

@@ -8,6 +8,12 @@
 #include "src/base/status.h"
 #include "src/scene/scene.h"
 
+/* Where a scene instance has gone. */
+struct kl_flat_place {
+    uint32_t instance; /* of `instances`; 0: merged */
+    uint32_t first_vertex, first_triangle;
+};
+
 struct kl_flat {
     double origin[3]; /* [m] world position of render space's origin */
     float center[3];  /* [m] render space: bounding sphere of all geometry */
@@ -26,6 +32,7 @@ struct kl_flat {
     kl_light *lights;
     kl_light_node *light_nodes;
     float *env_texels, *env_rows, *env_columns;
+    struct kl_flat_place *places; /* per scene instance */
     uint32_t object_count;
     uint32_t *light_sources; /* per light: number of the scene's light or of the glowing object */
     kl_u32 *touch_bits;      /* light_count + object_count; 0 until kl_scene_parts_init */

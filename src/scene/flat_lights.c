@@ -106,6 +106,13 @@ static kl_status push_light(struct light_list *list, const kl_light *light, uint
     return KL_OK;
 }
 
+kl_light kl_flat_punctual(const struct kl_scene *scene, const struct kl_pose *pose, uint32_t light,
+                          const double origin[3])
+{
+    const struct kl_scene_light *in = kl_pose_light(scene, pose, light);
+    return punctual_light(in, pose->world_from_node + 16 * (size_t)in->node, origin);
+}
+
 /* Punctual lights of visible nodes; `far`: the directional ones or the others. */
 static kl_status add_punctual(const struct kl_scene *scene, const struct kl_pose *pose,
                               const struct kl_flat *flat, bool far, struct light_list *list,
@@ -114,8 +121,7 @@ static kl_status add_punctual(const struct kl_scene *scene, const struct kl_pose
     for (uint32_t i = 0; i < scene->light_count; ++i) {
         const struct kl_scene_light *in = &scene->lights[i];
         if ((in->type == KL_LIGHT_DIRECTIONAL) != far || !scene->nodes[in->node].visible) continue;
-        const kl_light light =
-            punctual_light(in, pose->world_from_node + 16 * (size_t)in->node, flat->origin);
+        const kl_light light = kl_flat_punctual(scene, pose, i, flat->origin);
         if (!(kl_light_power(&light) > 0.0f)) continue;
         kl_status st = push_light(list, &light, i, err);
         if (st != KL_OK) return st;
@@ -195,15 +201,11 @@ static kl_status fill_cdfs(struct kl_flat *flat, struct kl_err *err)
     return KL_OK;
 }
 
-static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *flat,
-                                 struct light_list *list, struct kl_err *err)
+static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *flat, uint32_t light,
+                                 struct kl_err *err)
 {
     const struct kl_scene_environment *env = &scene->environment;
     const size_t texels = (size_t)env->width * env->height;
-    const kl_light light = {.type = KL_LIGHT_ENVIRONMENT,
-                            .triangle = KL_NONE,
-                            .leaf = KL_NONE,
-                            .color = {1.0f, 1.0f, 1.0f}};
     if (texels == 0) return KL_OK;
     kl_status st = kl_alloc_array(&flat->env_texels, 3 * texels, sizeof(float), err);
     if (st == KL_OK) {
@@ -215,10 +217,9 @@ static kl_status add_environment(const struct kl_scene *scene, struct kl_flat *f
     }
     if (st != KL_OK) return st;
     memcpy(flat->env_texels, env->rgb, 3 * texels * sizeof(float));
-    flat->view.env = (kl_environment){env->width, env->height, (uint32_t)list->count, 1.0f};
+    flat->view.env = (kl_environment){env->width, env->height, light, 1.0f};
     flat->view.needs |= KL_NEED_ENVIRONMENT;
-    st = fill_cdfs(flat, err);
-    return st == KL_OK ? push_light(list, &light, KL_NONE, err) : st;
+    return fill_cdfs(flat, err);
 }
 
 /* From this share of the surfaces' area on, glowing ones count as enclosing. */
@@ -238,35 +239,64 @@ static bool lights_enclose(const struct kl_flat *flat)
     return glowing > enclosing_share * all;
 }
 
+kl_status kl_flat_list_lights(const struct kl_scene *scene, const struct kl_pose *pose,
+                              struct kl_flat *flat, struct kl_flat_lights *out, struct kl_err *err)
+{
+    const kl_light sky = {.type = KL_LIGHT_ENVIRONMENT,
+                          .triangle = KL_NONE,
+                          .leaf = KL_NONE,
+                          .color = {1.0f, 1.0f, 1.0f}};
+    struct light_list list = {0};
+    kl_status st = add_punctual(scene, pose, flat, true, &list, err);
+
+    if (st == KL_OK && scene->environment.width > 0) st = push_light(&list, &sky, KL_NONE, err);
+    const size_t far_count = list.count;
+    if (st == KL_OK) st = add_punctual(scene, pose, flat, false, &list, err);
+    const size_t near_count = list.count - far_count;
+    if (st == KL_OK) st = add_triangles(flat, &list, err);
+    *out = (struct kl_flat_lights){list.items, list.sources, (uint32_t)list.count,
+                                   (uint32_t)far_count, (uint32_t)near_count};
+    if (st != KL_OK) kl_flat_lights_fini(out);
+    return st;
+}
+
+float kl_flat_far_probability(const struct kl_flat_lights *lights)
+{
+    if (lights->far_count == 0) return 0.0f;
+    return lights->far_count == lights->count ? 1.0f : 0.5f;
+}
+
+void kl_flat_lights_fini(struct kl_flat_lights *lights)
+{
+    free(lights->items);
+    free(lights->sources);
+    *lights = (struct kl_flat_lights){0};
+}
+
 kl_status kl_flat_add_lights(const struct kl_scene *scene, const struct kl_pose *pose,
                              struct kl_flat *flat, struct kl_err *err)
 {
-    struct light_list list = {0};
-    size_t near_first = 0;
-    kl_status st = add_punctual(scene, pose, flat, true, &list, err);
+    struct kl_flat_lights list;
+    kl_status st = kl_flat_list_lights(scene, pose, flat, &list, err);
 
-    if (st == KL_OK) st = add_environment(scene, flat, &list, err);
-    const size_t far_count = list.count;
-    if (st == KL_OK) st = add_punctual(scene, pose, flat, false, &list, err);
-    near_first = list.count;
-    if (st == KL_OK) st = add_triangles(flat, &list, err);
+    if (st != KL_OK) return st;
+    st = add_environment(scene, flat, list.far_count - 1, err);
     if (st == KL_OK) {
-        st = kl_light_tree_build(list.items, (uint32_t)far_count, (uint32_t)list.count,
-                                 &flat->light_nodes, &flat->light_node_count, err);
+        st = kl_light_tree_build(list.items, list.far_count, list.count, NULL, &flat->light_nodes,
+                                 &flat->light_node_count, err);
     }
     if (st != KL_OK) {
-        free(list.items);
-        free(list.sources);
+        kl_flat_lights_fini(&list);
         return st;
     }
     flat->lights = list.items;
     flat->light_sources = list.sources;
-    flat->light_count = (uint32_t)list.count;
-    flat->view.light_count = flat->light_count;
-    flat->view.far_count = (uint32_t)far_count;
-    flat->view.far_probability = far_count == 0 ? 0.0f : (far_count == list.count ? 1.0f : 0.5f);
+    flat->light_count = list.count;
+    flat->view.light_count = list.count;
+    flat->view.far_count = list.far_count;
+    flat->view.far_probability = kl_flat_far_probability(&list);
     if (lights_enclose(flat)) flat->view.needs |= KL_NEED_ENCLOSING;
-    if (near_first > 0) flat->view.needs |= KL_NEED_PUNCTUAL;
-    if (list.count > near_first) flat->view.needs |= KL_NEED_EMITTERS;
+    if (list.far_count + list.near_count > 0) flat->view.needs |= KL_NEED_PUNCTUAL;
+    if (list.count > list.far_count + list.near_count) flat->view.needs |= KL_NEED_EMITTERS;
     return KL_OK;
 }

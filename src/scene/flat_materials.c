@@ -26,7 +26,7 @@ static uint32_t material_needs(const kl_material *m)
 }
 
 /* Texture 2t reads texture t as linear values, 2t + 1 as sRGB: the slot decides which. */
-static void copy_material(const kl_material *in, kl_material *out)
+void kl_flat_convert_material(const kl_material *in, kl_material *out)
 {
     *out = *in;
     for (int k = 0; k < KL_TEX_SLOTS; ++k) {
@@ -81,19 +81,19 @@ static kl_status add_textures(const struct kl_scene *scene, struct kl_flat *flat
     return st;
 }
 
-kl_status kl_flat_add_materials(const struct kl_scene *scene, struct kl_flat *flat,
-                                struct kl_err *err)
+kl_status kl_flat_add_materials(const struct kl_scene *scene, const struct kl_pose *pose,
+                                struct kl_flat *flat, struct kl_err *err)
 {
     flat->material_count = scene->material_count;
     kl_status st =
         kl_alloc_array(&flat->materials, scene->material_count, sizeof(kl_material), err);
     if (st != KL_OK) return st;
     for (uint32_t i = 0; i < scene->material_count; ++i) {
-        copy_material(&scene->materials[i], &flat->materials[i]);
+        kl_flat_convert_material(kl_pose_material(scene, pose, i), &flat->materials[i]);
     }
     for (uint32_t i = 0; i < scene->instance_count; ++i) {
         const struct kl_mesh *mesh = &scene->meshes[scene->instances[i].mesh];
-        flat->view.needs |= material_needs(&scene->materials[mesh->material]);
+        flat->view.needs |= material_needs(kl_pose_material(scene, pose, mesh->material));
         if (mesh->colors != NULL) flat->view.needs |= KL_NEED_VERTEX_COLORS;
     }
     return add_textures(scene, flat, err);

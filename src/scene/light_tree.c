@@ -16,12 +16,13 @@ float kl_light_power(const kl_light *l)
 
 struct builder {
     kl_light *lights;
-    uint32_t *order; /* light numbers, partitioned in place */
+    const kl_light_node *leaves; /* may be NULL */
+    uint32_t *order;             /* light numbers, partitioned in place */
     kl_light_node *nodes;
     uint32_t used;
 };
 
-static void light_bounds(const kl_light *l, kl_light_node *node)
+void kl_light_node_init(const kl_light *l, kl_light_node *node)
 {
     for (int k = 0; k < 3; ++k) {
         const float a = l->pos[k];
@@ -65,7 +66,7 @@ static void merge_cones(const kl_light_node *a, const kl_light_node *b, kl_light
     out->cos_cone = cosf(reach);
 }
 
-static void merge_nodes(const kl_light_node *a, const kl_light_node *b, kl_light_node *out)
+void kl_light_node_merge(const kl_light_node *a, const kl_light_node *b, kl_light_node *out)
 {
     for (int k = 0; k < 3; ++k) {
         out->box_min[k] = fminf(a->box_min[k], b->box_min[k]);
@@ -128,7 +129,14 @@ static void split_all(struct builder *b, uint32_t count, struct job *stack)
         node->light = KL_NONE;
         if (job.last - job.first == 1) {
             kl_light *light = &b->lights[b->order[job.first]];
-            light_bounds(light, node);
+            const uint32_t parent = node->parent;
+            if (b->leaves != NULL) {
+                *node = b->leaves[b->order[job.first]];
+            } else {
+                kl_light_node_init(light, node);
+            }
+            node->parent = parent;
+            node->child = KL_NONE;
             node->light = b->order[job.first];
             light->leaf = job.node;
             continue;
@@ -144,9 +152,10 @@ static void split_all(struct builder *b, uint32_t count, struct job *stack)
 }
 
 kl_status kl_light_tree_build(kl_light *lights, uint32_t first, uint32_t count,
-                              kl_light_node **nodes, uint32_t *node_count, struct kl_err *err)
+                              const kl_light_node *leaves, kl_light_node **nodes,
+                              uint32_t *node_count, struct kl_err *err)
 {
-    struct builder b = {.lights = lights};
+    struct builder b = {.lights = lights, .leaves = leaves};
     struct job *stack = NULL;
     const uint32_t n = count - first;
     kl_status st = KL_OK;
@@ -165,7 +174,7 @@ kl_status kl_light_tree_build(kl_light *lights, uint32_t first, uint32_t count,
     for (uint32_t i = b.used; i-- > 0;) {
         kl_light_node *node = &b.nodes[i];
         if (node->child == KL_NONE) continue;
-        merge_nodes(&b.nodes[node->child], &b.nodes[node->child + 1], node);
+        kl_light_node_merge(&b.nodes[node->child], &b.nodes[node->child + 1], node);
     }
     *nodes = b.nodes;
     *node_count = b.used;

@@ -41,6 +41,7 @@ static bool node_has_channel(const struct kl_scene *scene, uint32_t animation, u
 static bool node_moves(const struct kl_scene *scene, uint32_t animation, uint32_t node)
 {
     for (uint32_t n = node; n != KL_NONE; n = scene->nodes[n].parent) {
+        if (scene->turn.count > 0 && scene->nodes[n].turns) return true;
         if (node_has_channel(scene, animation, n, false)) return true;
     }
     return false;
@@ -52,6 +53,14 @@ static bool skin_moves(const struct kl_scene *scene, uint32_t animation, uint32_
         if (node_moves(scene, animation, scene->skins[skin].joints[j])) return true;
     }
     return false;
+}
+
+bool kl_instance_is_animated(const struct kl_scene *scene, uint32_t animation, uint32_t instance)
+{
+    const struct kl_scene_instance *in = &scene->instances[instance];
+    return node_moves(scene, animation, in->node) ||
+           node_has_channel(scene, animation, in->node, true) ||
+           (in->skin != KL_NONE && skin_moves(scene, animation, in->skin));
 }
 
 bool kl_node_is_animated(const struct kl_scene *scene, uint32_t animation, uint32_t node)

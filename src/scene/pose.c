@@ -177,8 +177,11 @@ static kl_status init_pose(const struct kl_scene *scene, struct kl_pose *pose,
 }
 
 static void compose_world(const struct kl_scene *scene, const struct local_transform *local,
-                          struct kl_pose *pose)
+                          double time, struct kl_pose *pose)
 {
+    double turn[16];
+
+    if (scene->turn.count > 0) kl_turn_matrix(&scene->turn, time, turn);
     for (uint32_t n = 0; n < scene->node_count; ++n) {
         const struct kl_node *node = &scene->nodes[n];
         double *world = &pose->world_from_node[(size_t)n * 16];
@@ -192,6 +195,10 @@ static void compose_world(const struct kl_scene *scene, const struct local_trans
             memcpy(world, matrix, sizeof matrix);
         } else { /* parents come first */
             kl_mat4_multiply(&pose->world_from_node[(size_t)node->parent * 16], matrix, world);
+        }
+        if (scene->turn.count > 0 && node->turns) {
+            memcpy(matrix, world, sizeof matrix);
+            kl_mat4_multiply(turn, matrix, world);
         }
     }
 }
@@ -212,7 +219,7 @@ kl_status kl_pose_create(const struct kl_scene *scene, uint32_t animation, doubl
         if (animation != KL_NONE && animation != a) continue;
         apply_animation(&scene->animations[a], time, local, pose);
     }
-    compose_world(scene, local, pose);
+    compose_world(scene, local, time, pose);
     *out = pose;
     pose = NULL;
 
@@ -230,5 +237,8 @@ void kl_pose_destroy(struct kl_pose *pose)
     }
     free(pose->weights);
     free(pose->world_from_node);
+    free(pose->lights);
+    free(pose->cameras);
+    free(pose->materials);
     free(pose);
 }

@@ -50,6 +50,7 @@ struct kl_node {
     uint32_t weight_count; /* default morph weights of the node's mesh */
     double *weights;
     bool visible; /* in the scene that is rendered */
+    bool turns;   /* it and all below stand on the plate: kl_scene_set_turn */
 };
 
 /* A mesh at a node. A glTF mesh of n primitives at a node is n instances. */
@@ -123,8 +124,16 @@ struct kl_scene_environment {
     float *rgb;             /* 3 per texel, rows from the top (+Y), all finite, >= 0 */
 };
 
+/* A plate that turns once about +Y in `count` frames; frame 1 is as the file has it. */
+struct kl_turn {
+    uint32_t count;   /* 0: no plate */
+    double fps;       /* [1/s] */
+    double centre[3]; /* [m] world: the axis goes through it */
+};
+
 struct kl_scene {
     char *path;
+    struct kl_turn turn;
     uint32_t mesh_count, node_count, instance_count, skin_count, camera_count, light_count;
     uint32_t material_count, image_count, texture_count, animation_count;
     struct kl_mesh *meshes;
@@ -141,15 +150,45 @@ struct kl_scene {
     uint32_t dropped_triangles; /* degenerate or not finite */
 };
 
+/* Put what the scene shows on a plate that turns once in `count` frames, for ever: frame count + 1
+ * is frame 1 bit for bit where nothing else moves. All top-level nodes with a mesh or a skeleton
+ * turn, with what hangs on them; lamps (whose meshes only glow), punctual lights and cameras that
+ * are top-level nodes stay. */
+kl_status kl_scene_set_turn(struct kl_scene *scene, double fps, uint32_t count,
+                            struct kl_err *err) KL_MUST_CHECK;
+/* World from world on the plate at `time` [s]. */
+void kl_turn_matrix(const struct kl_turn *turn, double time, double out[16]);
+
 /* Frees everything; accepts NULL. */
 void kl_scene_destroy(struct kl_scene *scene);
 
-/* Where every node is at one instant. */
+/* The scene at one instant: where every node is, and what else animations change. */
 struct kl_pose {
     uint32_t node_count;
     double *world_from_node; /* 16 per node, column major */
     double **weights;        /* morph weights per node, NULL where the node has none */
+    /* The scene's arrays as they are now; NULL where no animation changes any of them. Names in
+     * them are borrowed. */
+    struct kl_scene_light *lights;
+    struct kl_scene_camera *cameras;
+    kl_material *materials;
 };
+
+static inline const struct kl_scene_light *kl_pose_light(const struct kl_scene *scene,
+                                                         const struct kl_pose *pose, uint32_t i)
+{
+    return pose->lights != NULL ? &pose->lights[i] : &scene->lights[i];
+}
+static inline const struct kl_scene_camera *kl_pose_camera(const struct kl_scene *scene,
+                                                           const struct kl_pose *pose, uint32_t i)
+{
+    return pose->cameras != NULL ? &pose->cameras[i] : &scene->cameras[i];
+}
+static inline const kl_material *kl_pose_material(const struct kl_scene *scene,
+                                                  const struct kl_pose *pose, uint32_t i)
+{
+    return pose->materials != NULL ? &pose->materials[i] : &scene->materials[i];
+}
 
 /* Evaluate all animations (or, with `animation` not KL_NONE, that one) at `time` [s]; before the
  * first and after the last key a channel holds its end value. glTF 2.0 section 3.11 and appendix C.
@@ -175,6 +214,8 @@ void kl_deformed_fini(struct kl_deformed *deformed);
 /* Whether node `n` (or an ancestor), or what hangs on it, changes over time in the animations
  * chosen. */
 bool kl_node_is_animated(const struct kl_scene *scene, uint32_t animation, uint32_t node);
+/* Whether instance `i` moves or deforms in the animations chosen. */
+bool kl_instance_is_animated(const struct kl_scene *scene, uint32_t animation, uint32_t instance);
 /* Whether anything but cameras moves: instances, punctual lights, morph weights, skins. */
 bool kl_scene_is_moving(const struct kl_scene *scene, uint32_t animation);
 

@@ -384,7 +384,7 @@ static void fill_parts(const struct kl_scene *scene, const struct kl_pose *pose,
         if (!scene->nodes[scene->lights[i].node].visible) continue;
         set_name(&parts[n], KL_PART_LIGHT, scene->lights[i].name);
         names[n] = (struct full_name){scene->lights[i].name, KL_PART_LIGHT, n};
-        digest_light(&scene->lights[i], pose, &parts[n++]);
+        digest_light(kl_pose_light(scene, pose, i), pose, &parts[n++]);
     }
     if (flat->view.env.width > 0) {
         set_name(&parts[n], KL_PART_ENVIRONMENT, "");

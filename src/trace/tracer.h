@@ -5,6 +5,7 @@
 
 #include "src/base/status.h"
 #include "src/scene/flat.h"
+#include "src/scene/motion.h"
 
 /* Threads: any number may trace at once; create and destroy belong to one thread. Which of several
  * hits at exactly the same distance is reported depends on the scene alone, not on threads. */
@@ -16,6 +17,11 @@ struct kl_tracer;
  * KL_ERR_DEVICE: Embree refused, the message carries its text. KL_ERR_NO_MEMORY. */
 kl_status kl_tracer_create(struct kl_flat *flat, struct kl_tracer **out,
                            struct kl_err *err) KL_MUST_CHECK;
+
+/* The same in motion: rays meet things where these are at the rays' times. Sets the tracer of the
+ * motion's views too; hits are in their instances, so flat->view must not trace. Borrows both. */
+kl_status kl_tracer_create_moving(struct kl_flat *flat, struct kl_motion *motion,
+                                  struct kl_tracer **out, struct kl_err *err) KL_MUST_CHECK;
 
 /* Accepts NULL. Views that still point to the tracer must not trace any more. */
 void kl_tracer_destroy(struct kl_tracer *tracer);

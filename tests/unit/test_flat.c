@@ -80,7 +80,7 @@ static void world_init(struct world *w, uint32_t instances, const double (*matri
                                  .nodes = w->nodes,
                                  .instances = w->instances,
                                  .materials = &w->material};
-    w->pose = (struct kl_pose){instances, w->matrices, NULL};
+    w->pose = (struct kl_pose){.node_count = instances, .world_from_node = w->matrices};
     static double *no_weights[NODES];
     w->pose.weights = no_weights;
 }

@@ -37,7 +37,7 @@ static void rig_finish(struct rig *r)
 {
     uint32_t nodes;
     struct kl_err err = {0};
-    if (kl_light_tree_build(r->lights, r->far, r->count, &r->nodes, &nodes, &err) != KL_OK) {
+    if (kl_light_tree_build(r->lights, r->far, r->count, NULL, &r->nodes, &nodes, &err) != KL_OK) {
         fail_msg("%s", err.msg);
     }
     r->view = (kl_scene_view){.needs = KL_NEED_EMITTERS | KL_NEED_PUNCTUAL,
@@ -58,7 +58,7 @@ static double irradiance(const struct rig *r, kl_vec3 p, kl_vec3 n, uint32_t sam
         const float choice = kl_sampler_1d(&s);
         const kl_vec2 u = kl_sampler_2d(&s);
         kl_light_sample l;
-        if (!kl_light_sample_one(&r->view, p, n, choice, u, &l)) continue;
+        if (!kl_light_sample_one(&r->view, p, n, KL_TIME_REFERENCE, choice, u, &l)) continue;
         assert_true(l.pdf > 0.0f && isfinite(l.pdf));
         assert_true(fabsf(kl_length(l.wi) - 1.0f) < 1e-4f);
         sum += fmax(0.0, (double)kl_dot(n, l.wi)) * (double)l.radiance.y / (double)l.pdf;
@@ -162,15 +162,18 @@ static void triangle_density(void **state)
             const float d = kl_length(y);
             const kl_vec3 w = kl_v3_scale(y, 1.0f / d);
             const float cosine = fabsf(kl_dot(kl_normalize(kl_cross(e1, e2)), w));
-            const float pdf = kl_light_pdf(&r.view, 0, kl_v3_splat(0.0f), n, w, d);
+            const float pdf =
+                kl_light_pdf(&r.view, 0, kl_v3_splat(0.0f), n, KL_TIME_REFERENCE, w, d);
             sum += (double)(pdf * cosine / (d * d) * r.lights[0].area);
         }
         assert_true(fabs(sum / (N * N) - 1.0) < 5e-3);
         for (uint32_t k = 0; k < 200; ++k) { /* and the sample says the same density */
             kl_light_sample l;
             const kl_vec2 u = kl_sobol_2d(k, 9);
-            if (!kl_light_sample_one(&r.view, kl_v3_splat(0.0f), n, 0.5f, u, &l)) continue;
-            const float pdf = kl_light_pdf(&r.view, 0, kl_v3_splat(0.0f), n, l.wi, l.distance);
+            if (!kl_light_sample_one(&r.view, kl_v3_splat(0.0f), n, KL_TIME_REFERENCE, 0.5f, u, &l))
+                continue;
+            const float pdf =
+                kl_light_pdf(&r.view, 0, kl_v3_splat(0.0f), n, KL_TIME_REFERENCE, l.wi, l.distance);
             assert_true(fabsf(pdf / l.pdf - 1.0f) < 2e-3f);
             assert_true(l.distance > 0.5f);
         }
@@ -297,9 +300,11 @@ static void no_light_is_lost(void **state)
                 const kl_light *l = &r.lights[i];
                 kl_light_sample s = {0};
                 const kl_vec2 u = {random_float(&random), random_float(&random)};
-                const int ok = l->type == KL_LIGHT_TRIANGLE
-                                   ? kl_light_sample_triangle(&r.view, l, p, u, &s)
-                                   : kl_light_sample_punctual(l, p, &s);
+                const kl_punctual punctual = kl_punctual_of(l);
+                const int ok =
+                    l->type == KL_LIGHT_TRIANGLE
+                        ? kl_light_sample_triangle(&r.view, i, p, KL_TIME_REFERENCE, u, &s)
+                        : kl_light_sample_punctual(&punctual, p, &s);
                 if (!ok || !(kl_dot(s.wi, n) > 1e-4f)) continue;
                 for (uint32_t node = l->leaf; node != KL_NONE; node = r.nodes[node].parent) {
                     assert_true(kl_light_importance(&r.nodes[node], p, n) > 0.0f);
