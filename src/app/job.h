@@ -34,9 +34,9 @@ struct kl_job {
     bool said_revision;
     bool is_open; /* the cache of the present instant */
     uint64_t open_count;
-    bool must_keep;  /* what is not kept on disk is worth nothing: bake */
-    bool told_lost;  /* that the disk takes no more */
-    uint32_t loaded; /* records that the last opening found */
+    bool must_keep;       /* what is not kept on disk is worth nothing: bake */
+    bool told_lost;       /* that the disk takes no more */
+    uint32_t loaded;      /* records that the last opening found */
     float *shutter_times; /* KL_SHUTTER_TIMES of the curve, NULL: open all the time */
     struct kl_progress progress;
 };
