@@ -2,7 +2,7 @@
  * from both sides: all normals face the side the ray came from. */
 #ifndef KL_KERNELS_SURFACE_H
 #define KL_KERNELS_SURFACE_H
-#include "kernels/motion.h"
+#include "kernels/moving.h"
 #include "kernels/sampling.h"
 #include "kernels/texture.h"
 #include "kernels/trace.h"

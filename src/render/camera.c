@@ -1,6 +1,6 @@
 #include "src/render/camera.h"
 
-#include "kernels/motion.h"
+#include "kernels/moving.h"
 
 #include <math.h>
 

@@ -1,6 +1,6 @@
 #include "src/render/frame.h"
 
-#include "kernels/motion.h"
+#include "kernels/moving.h"
 #include "src/base/memory.h"
 
 #include <omp.h>

@@ -1,7 +1,7 @@
 /* Lights and materials that change while the shutter is open, and lights on things that move. */
 #include "src/scene/motion_impl.h"
 
-#include "kernels/motion.h"
+#include "kernels/moving.h"
 #include "src/base/memory.h"
 #include "src/scene/flat_impl.h"
 #include "src/scene/light_tree.h"

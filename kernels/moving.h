@@ -1,7 +1,7 @@
 /* What moves, at a time within the shutter. Everything here is asked only of scenes that move
  * (KL_NEED_MOTION). Between two steps vertices and matrices go straight: as Embree has it. */
-#ifndef KL_KERNELS_MOTION_H
-#define KL_KERNELS_MOTION_H
+#ifndef KL_KERNELS_MOVING_H
+#define KL_KERNELS_MOVING_H
 #include "kernels/scene_data.h"
 
 /* Between which steps a time lies: step and step + 1, `share` of the way. */
