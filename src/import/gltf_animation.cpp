@@ -17,7 +17,6 @@ struct channel_keys {
 bool read_path(kl_gltf_import &in, const tinygltf::AnimationChannel &from, const std::string &place,
                kl_animation_channel &out)
 {
-    const kl_node &node = in.scene->nodes[out.node];
     if (from.target_path == "translation") {
         out.path = KL_TRANSLATION;
     } else if (from.target_path == "rotation") {
@@ -31,14 +30,110 @@ bool read_path(kl_gltf_import &in, const tinygltf::AnimationChannel &from, const
                      from.target_path.c_str());
         return false;
     }
+    return true;
+}
+
+// KHR_animation_pointer: what a JSON pointer names, if it is one of these.
+struct pointer_target {
+    const char *list, *property; // "/LIST/number/PROPERTY"
+    kl_channel_path path;
+    uint32_t width;
+};
+const pointer_target pointer_targets[] = {
+    {"/nodes/", "translation", KL_TRANSLATION, 3},
+    {"/nodes/", "rotation", KL_ROTATION, 4},
+    {"/nodes/", "scale", KL_SCALE, 3},
+    {"/nodes/", "weights", KL_WEIGHTS, 0},
+    {"/extensions/KHR_lights_punctual/lights/", "color", KL_LIGHT_COLOR, 3},
+    {"/extensions/KHR_lights_punctual/lights/", "intensity", KL_LIGHT_INTENSITY, 1},
+    {"/extensions/KHR_lights_punctual/lights/", "range", KL_LIGHT_RANGE, 1},
+    {"/extensions/KHR_lights_punctual/lights/", "spot/innerConeAngle", KL_LIGHT_INNER_CONE, 1},
+    {"/extensions/KHR_lights_punctual/lights/", "spot/outerConeAngle", KL_LIGHT_OUTER_CONE, 1},
+    {"/cameras/", "perspective/yfov", KL_CAMERA_YFOV, 1},
+    {"/cameras/", "orthographic/xmag", KL_CAMERA_XMAG, 1},
+    {"/cameras/", "orthographic/ymag", KL_CAMERA_YMAG, 1},
+    {"/materials/", "pbrMetallicRoughness/baseColorFactor", KL_MATERIAL_BASE_COLOR, 4},
+    {"/materials/", "pbrMetallicRoughness/metallicFactor", KL_MATERIAL_METALLIC, 1},
+    {"/materials/", "pbrMetallicRoughness/roughnessFactor", KL_MATERIAL_ROUGHNESS, 1},
+    {"/materials/", "normalTexture/scale", KL_MATERIAL_NORMAL_SCALE, 1},
+    {"/materials/", "alphaCutoff", KL_MATERIAL_ALPHA_CUTOFF, 1},
+    {"/materials/", "emissiveFactor", KL_MATERIAL_EMISSIVE_FACTOR, 3},
+    {"/materials/", "extensions/KHR_materials_emissive_strength/emissiveStrength",
+     KL_MATERIAL_EMISSIVE_STRENGTH, 1},
+    {"/materials/", "extensions/KHR_materials_ior/ior", KL_MATERIAL_IOR, 1},
+    {"/materials/", "extensions/KHR_materials_specular/specularFactor", KL_MATERIAL_SPECULAR, 1},
+    {"/materials/", "extensions/KHR_materials_specular/specularColorFactor",
+     KL_MATERIAL_SPECULAR_COLOR, 3},
+};
+
+// The number and the rest of "/LIST/12/PROPERTY" after the list; false if there is none.
+bool split_pointer(const std::string &pointer, size_t at, size_t &number, std::string &property)
+{
+    const size_t end = pointer.find('/', at);
+
+    if (end == std::string::npos || end == at || end - at > 9) return false;
+    number = 0;
+    for (size_t i = at; i < end; ++i) {
+        if (pointer[i] < '0' || pointer[i] > '9') return false;
+        number = number * 10 + static_cast<size_t>(pointer[i] - '0');
+    }
+    property = pointer.substr(end + 1);
+    return true;
+}
+
+size_t count_targets(const kl_gltf_import &in, kl_channel_path path)
+{
+    if (kl_path_is_of_node(path)) return in.model.nodes.size();
+    if (path <= KL_LIGHT_OUTER_CONE) return in.model.lights.size();
+    if (path <= KL_CAMERA_YMAG) return in.model.cameras.size();
+    return in.model.materials.size();
+}
+
+bool read_pointer(kl_gltf_import &in, const tinygltf::AnimationChannel &from,
+                  const std::string &place, kl_animation_channel &out)
+{
+    const tinygltf::Value *extension =
+        kl_gltf_find(from.target_extensions, "KHR_animation_pointer");
+    std::string pointer, property;
+    size_t number = 0;
+
+    if (extension != nullptr && extension->Has("pointer") && extension->Get("pointer").IsString()) {
+        pointer = extension->Get("pointer").Get<std::string>();
+    }
+    for (const pointer_target &target : pointer_targets) {
+        const std::string list = target.list;
+        if (pointer.compare(0, list.size(), list) != 0) continue;
+        if (!split_pointer(pointer, list.size(), number, property)) continue;
+        if (property != target.property) continue;
+        if (number >= count_targets(in, target.path)) {
+            kl_import_refuse("%s: pointer \"%.80s\", but there are %zu", place.c_str(),
+                             pointer.c_str(), count_targets(in, target.path));
+        }
+        out.path = target.path;
+        out.node =
+            kl_path_is_of_node(target.path) ? in.node_of[number] : static_cast<uint32_t>(number);
+        out.width = target.width;
+        return true;
+    }
+    kl_gltf_warn(in, "%s: pointer \"%.80s\" is not supported: left out", place.c_str(),
+                 pointer.c_str());
+    return false;
+}
+
+// What may not move, though its path is known.
+bool check_node_path(kl_gltf_import &in, const std::string &place, const kl_animation_channel &out)
+{
+    const kl_node &node = in.scene->nodes[out.node];
+    const uint32_t number = in.file_node[out.node];
+
     if (out.path == KL_WEIGHTS && node.weight_count == 0) {
-        kl_gltf_warn(in, "%s: moves the weights of nodes[%d], which has no morph targets: left out",
-                     place.c_str(), from.target_node);
+        kl_gltf_warn(in, "%s: moves the weights of nodes[%u], which has no morph targets: left out",
+                     place.c_str(), number);
         return false;
     }
     if (out.path != KL_WEIGHTS && node.has_matrix) {
-        kl_gltf_warn(in, "%s: moves nodes[%d], which has a matrix: left out", place.c_str(),
-                     from.target_node);
+        kl_gltf_warn(in, "%s: moves nodes[%u], which has a matrix: left out", place.c_str(),
+                     number);
         return false;
     }
     return true;
@@ -112,10 +207,10 @@ void check_values(kl_gltf_import &in, const std::string &place, kl_channel_path 
     }
 }
 
-unsigned get_widths(kl_channel_path path)
+unsigned get_widths(kl_channel_path path, uint32_t width)
 {
-    if (path == KL_WEIGHTS) return KL_GLTF_SCALAR;
-    return path == KL_ROTATION ? KL_GLTF_VEC4 : KL_GLTF_VEC3;
+    if (path == KL_WEIGHTS || width == 1) return KL_GLTF_SCALAR;
+    return width == 4 ? KL_GLTF_VEC4 : KL_GLTF_VEC3;
 }
 
 channel_keys read_keys(kl_gltf_import &in, const tinygltf::AnimationSampler &sampler,
@@ -125,7 +220,8 @@ channel_keys read_keys(kl_gltf_import &in, const tinygltf::AnimationSampler &sam
     const kl_gltf_numbers times =
         kl_gltf_read_numbers(in, sampler.input, KL_GLTF_SCALAR | KL_GLTF_FLOAT, place + " input");
     const kl_gltf_numbers values = kl_gltf_read_numbers(
-        in, sampler.output, get_widths(channel.path) | value_formats, place + " output");
+        in, sampler.output, get_widths(channel.path, channel.width) | value_formats,
+        place + " output");
 
     keys.width = channel.width;
     keys.parts = channel.interpolation == KL_CUBIC_SPLINE ? 3 : 1;
@@ -154,18 +250,25 @@ void read_channel(kl_gltf_import &in, const tinygltf::Animation &from, size_t in
         kl_import_refuse("%s: sampler %d, but there are %zu", place.c_str(), source.sampler,
                          from.samplers.size());
     }
-    if (source.target_node < 0) return; // section 3.11: such a channel is to be ignored
-    channel.node = in.node_of[static_cast<size_t>(source.target_node)];
-    if (!read_path(in, source, place, channel)) return;
+    if (source.target_path == "pointer") {
+        if (!read_pointer(in, source, place, channel)) return;
+    } else {
+        if (source.target_node < 0) return; // section 3.11: such a channel is to be ignored
+        channel.node = in.node_of[static_cast<size_t>(source.target_node)];
+        if (!read_path(in, source, place, channel)) return;
+    }
+    if (kl_path_is_of_node(channel.path) && !check_node_path(in, place, channel)) return;
     if (!taken.insert({channel.node, channel.path}).second) {
         kl_gltf_warn(in, "%s: moves the same as an earlier channel: left out", place.c_str());
         return;
     }
     const tinygltf::AnimationSampler &sampler = from.samplers[static_cast<size_t>(source.sampler)];
     channel.interpolation = read_interpolation(in, sampler.interpolation, place);
-    channel.width = channel.path == KL_WEIGHTS    ? in.scene->nodes[channel.node].weight_count
-                    : channel.path == KL_ROTATION ? 4
-                                                  : 3;
+    if (channel.path == KL_WEIGHTS) {
+        channel.width = in.scene->nodes[channel.node].weight_count;
+    } else if (channel.width == 0) {
+        channel.width = channel.path == KL_ROTATION ? 4 : 3;
+    }
     const channel_keys keys = read_keys(in, sampler, channel, place);
     if (keys.times.empty()) {
         kl_gltf_warn(in, "%s: no keys: left out", place.c_str());

@@ -84,6 +84,7 @@ void kl_gltf_read_cameras(kl_gltf_import &in)
         const size_t index = static_cast<size_t>(camera);
         kl_scene_camera out = {};
         out.node = n;
+        out.source = static_cast<uint32_t>(index);
         if (!read_camera(in, in.model.cameras[index], kl_gltf_format_text("cameras[%d]", camera),
                          out)) {
             continue;

@@ -60,6 +60,7 @@ void kl_gltf_read_lights(kl_gltf_import &in)
         const size_t index = static_cast<size_t>(kl_gltf_get_number(*use, "light", 0.0));
         kl_scene_light out = {};
         out.node = n;
+        out.source = static_cast<uint32_t>(index);
         if (!read_light(in, index, out)) continue;
         const std::string &name = from.name.empty() ? in.model.lights[index].name : from.name;
         out.name = kl_gltf_copy_name(kl_gltf_name(name, "light", index));

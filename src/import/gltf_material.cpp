@@ -149,18 +149,20 @@ void read_specular(kl_gltf_import &in, const ExtensionMap &extensions, const std
                  place + ".specularColorTexture", m.tex[KL_TEX_SPECULAR_COLOR]);
 }
 
-void read_emission(const tinygltf::Material &from, kl_material &m)
+void read_emission(const tinygltf::Material &from, kl_material &m, kl_scene::kl_scene_glow &glow)
 {
     const Value *extension = kl_gltf_find(from.extensions, "KHR_materials_emissive_strength");
     const double strength =
         extension != nullptr ? kl_gltf_get_number(*extension, "emissiveStrength", 1.0) : 1.0;
+    glow.strength = kl_gltf_to_float(strength);
     for (size_t i = 0; i < 3 && i < from.emissiveFactor.size(); ++i) {
+        glow.factor[i] = kl_gltf_to_float(from.emissiveFactor[i]);
         m.emission[i] = kl_gltf_to_float(from.emissiveFactor[i] * strength);
     }
 }
 
 kl_material read_material(kl_gltf_import &in, const tinygltf::Material &from,
-                          const std::string &place)
+                          const std::string &place, kl_scene::kl_scene_glow &glow)
 {
     kl_material m = make_default();
     const auto &pbr = from.pbrMetallicRoughness;
@@ -172,7 +174,7 @@ kl_material read_material(kl_gltf_import &in, const tinygltf::Material &from,
     m.roughness = kl_gltf_to_float(pbr.roughnessFactor);
     m.normal_scale = kl_gltf_to_float(from.normalTexture.scale);
     read_flags(in, from, place, m);
-    read_emission(from, m);
+    read_emission(from, m, glow);
     read_texture(in, get_ref(pbr.baseColorTexture), place + ".baseColorTexture",
                  m.tex[KL_TEX_BASE_COLOR]);
     read_texture(in, get_ref(pbr.metallicRoughnessTexture), place + ".metallicRoughnessTexture",
@@ -196,9 +198,11 @@ void kl_gltf_read_materials(kl_gltf_import &in)
     in.scene->images = kl_gltf_new_array<kl_scene_image>(in.images.size());
     in.scene->textures = kl_gltf_new_array<kl_scene_texture>(in.model.textures.size());
     in.scene->materials = kl_gltf_new_array<kl_material>(count + 1); // and the default
+    in.scene->glows = kl_gltf_new_array<kl_scene::kl_scene_glow>(count + 1);
     for (size_t i = 0; i < count; ++i) {
         in.scene->materials[i] =
-            read_material(in, in.model.materials[i], kl_gltf_format_text("materials[%zu]", i));
+            read_material(in, in.model.materials[i], kl_gltf_format_text("materials[%zu]", i),
+                          in.scene->glows[i]);
         ++in.scene->material_count;
     }
 }

@@ -15,10 +15,9 @@ namespace
 // All extensions that change how a file is read and that we read. Anything else is refused where
 // the file requires it and ignored with a warning where it does not.
 const char *const known_extensions[] = {
-    "KHR_lights_punctual",   "KHR_materials_emissive_strength",
-    "KHR_materials_ior",     "KHR_materials_specular",
-    "KHR_materials_unlit",   "KHR_mesh_quantization",
-    "KHR_texture_transform",
+    "KHR_animation_pointer", "KHR_lights_punctual",    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",     "KHR_materials_specular", "KHR_materials_unlit",
+    "KHR_mesh_quantization", "KHR_texture_transform",
 };
 
 // Real files stay under 20; nlohmann's printer and tinygltf's readers recurse.

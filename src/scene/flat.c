@@ -46,6 +46,21 @@ static bool is_emissive(const kl_material *m)
     return m->emission[0] > 0.0f || m->emission[1] > 0.0f || m->emission[2] > 0.0f;
 }
 
+/* Whether a material glows, or an animation may make it. */
+static bool may_glow(const struct kl_scene *scene, uint32_t material)
+{
+    bool glows = is_emissive(&scene->materials[material]);
+    for (uint32_t a = 0; a < scene->animation_count; ++a) {
+        for (uint32_t c = 0; c < scene->animations[a].channel_count; ++c) {
+            const struct kl_animation_channel *channel = &scene->animations[a].channels[c];
+            glows = glows ||
+                    (channel->node == material && (channel->path == KL_MATERIAL_EMISSIVE_FACTOR ||
+                                                   channel->path == KL_MATERIAL_EMISSIVE_STRENGTH));
+        }
+    }
+    return glows;
+}
+
 static bool is_shareable(const struct kl_scene *scene, const struct kl_pose *pose,
                          const struct plan *plan, uint32_t i)
 {
@@ -53,7 +68,7 @@ static bool is_shareable(const struct kl_scene *scene, const struct kl_pose *pos
     const struct kl_mesh *mesh = &scene->meshes[inst->mesh];
     const double *m = pose->world_from_node + 16 * (size_t)inst->node;
     return plan->uses[inst->mesh] > 1 && mesh->triangle_count >= SHARE_TRIANGLES &&
-           !is_emissive(&scene->materials[mesh->material]) && !kl_instance_is_deformed(scene, i) &&
+           !may_glow(scene, mesh->material) && !kl_instance_is_deformed(scene, i) &&
            fabs(determinant3(m)) > 1e-30;
 }
 

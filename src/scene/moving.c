@@ -30,7 +30,8 @@ static bool node_has_channel(const struct kl_scene *scene, uint32_t animation, u
         if (animation != KL_NONE && animation != a) continue;
         for (uint32_t c = 0; c < from->channel_count; ++c) {
             const struct kl_animation_channel *channel = &from->channels[c];
-            const bool same = channel->node == node && (channel->path == KL_WEIGHTS) == weights;
+            const bool same = kl_path_is_of_node(channel->path) && channel->node == node &&
+                              (channel->path == KL_WEIGHTS) == weights;
             if (same && channel_moves(channel)) return true;
         }
     }
@@ -75,6 +76,24 @@ bool kl_node_is_animated(const struct kl_scene *scene, uint32_t animation, uint3
     return false;
 }
 
+/* Whether a channel changes light `source` of the file, or any material (KL_NONE). */
+static bool thing_changes(const struct kl_scene *scene, uint32_t animation, uint32_t light)
+{
+    for (uint32_t a = 0; a < scene->animation_count; ++a) {
+        const struct kl_animation *from = &scene->animations[a];
+        if (animation != KL_NONE && animation != a) continue;
+        for (uint32_t c = 0; c < from->channel_count; ++c) {
+            const struct kl_animation_channel *channel = &from->channels[c];
+            const bool of_light =
+                !kl_path_is_of_node(channel->path) && channel->path <= KL_LIGHT_OUTER_CONE;
+            const bool same = light == KL_NONE ? channel->path > KL_CAMERA_YMAG
+                                               : of_light && channel->node == light;
+            if (same && channel_moves(channel)) return true;
+        }
+    }
+    return false;
+}
+
 bool kl_scene_is_moving(const struct kl_scene *scene, uint32_t animation)
 {
     for (uint32_t i = 0; i < scene->instance_count; ++i) {
@@ -82,6 +101,7 @@ bool kl_scene_is_moving(const struct kl_scene *scene, uint32_t animation)
     }
     for (uint32_t i = 0; i < scene->light_count; ++i) {
         if (node_moves(scene, animation, scene->lights[i].node)) return true;
+        if (thing_changes(scene, animation, scene->lights[i].source)) return true;
     }
-    return false;
+    return thing_changes(scene, animation, KL_NONE);
 }

@@ -130,27 +130,196 @@ static void sample_channel(const struct kl_animation_channel *channel, double ti
     if (channel->path == KL_ROTATION) normalize_quaternion(out);
 }
 
-static void apply_animation(const struct kl_animation *animation, double time,
-                            struct local_transform *local, struct kl_pose *pose)
+static void sample_float(const struct kl_animation_channel *channel, double time, float *out)
 {
+    double values[4];
+    sample_channel(channel, time, values);
+    for (uint32_t i = 0; i < channel->width; ++i) {
+        out[i] = (float)values[i];
+    }
+}
 
+static void apply_to_light(const struct kl_animation_channel *channel, double time,
+                           struct kl_scene_light *light)
+{
+    double *target = &light->intensity;
+
+    if (channel->path == KL_LIGHT_COLOR) target = light->color;
+    if (channel->path == KL_LIGHT_RANGE) target = &light->range;
+    if (channel->path == KL_LIGHT_INNER_CONE) target = &light->inner_cone;
+    if (channel->path == KL_LIGHT_OUTER_CONE) target = &light->outer_cone;
+    sample_channel(channel, time, target);
+}
+
+static void apply_to_camera(const struct kl_animation_channel *channel, double time,
+                            struct kl_scene_camera *camera)
+{
+    double value;
+
+    sample_channel(channel, time, &value);
+    if (!(value > 0.0)) return; /* no such camera: a spline may swing too far */
+    if (channel->path == KL_CAMERA_YFOV && value < 3.14) camera->yfov = value;
+    if (channel->path == KL_CAMERA_XMAG) camera->xmag = value;
+    if (channel->path == KL_CAMERA_YMAG) camera->ymag = value;
+}
+
+static void apply_to_material(const struct kl_animation_channel *channel, double time,
+                              kl_material *m, struct kl_scene_glow *glow)
+{
+    switch ((int)channel->path) {
+    case KL_MATERIAL_BASE_COLOR:
+        sample_float(channel, time, m->base_color);
+        break;
+    case KL_MATERIAL_METALLIC:
+        sample_float(channel, time, &m->metallic);
+        break;
+    case KL_MATERIAL_ROUGHNESS:
+        sample_float(channel, time, &m->roughness);
+        break;
+    case KL_MATERIAL_NORMAL_SCALE:
+        sample_float(channel, time, &m->normal_scale);
+        break;
+    case KL_MATERIAL_ALPHA_CUTOFF:
+        sample_float(channel, time, &m->alpha_cutoff);
+        break;
+    case KL_MATERIAL_IOR:
+        sample_float(channel, time, &m->ior);
+        break;
+    case KL_MATERIAL_SPECULAR:
+        sample_float(channel, time, &m->specular);
+        break;
+    case KL_MATERIAL_SPECULAR_COLOR:
+        sample_float(channel, time, m->specular_color);
+        break;
+    case KL_MATERIAL_EMISSIVE_FACTOR:
+        sample_float(channel, time, glow->factor);
+        break;
+    default:
+        sample_float(channel, time, &glow->strength);
+        break;
+    }
+}
+
+/* Between keys a spline may leave the range in which values mean anything. */
+static void settle_material(kl_material *m, const struct kl_scene_glow *glow)
+{
+    for (int i = 0; i < 4; ++i) {
+        m->base_color[i] = kl_clamp(m->base_color[i], 0.0f, 1.0f);
+    }
+    for (int i = 0; i < 3; ++i) {
+        m->specular_color[i] = kl_fmax(m->specular_color[i], 0.0f);
+        m->emission[i] = kl_fmax(glow->factor[i], 0.0f) * kl_fmax(glow->strength, 0.0f);
+    }
+    m->metallic = kl_clamp(m->metallic, 0.0f, 1.0f);
+    m->roughness = kl_clamp(m->roughness, 0.0f, 1.0f);
+    m->specular = kl_clamp(m->specular, 0.0f, 1.0f);
+    if (m->ior != 0.0f) m->ior = kl_fmax(m->ior, 1.0f);
+}
+
+static void settle_light(struct kl_scene_light *light)
+{
+    for (int i = 0; i < 3; ++i) {
+        light->color[i] = fmax(light->color[i], 0.0);
+    }
+    light->intensity = fmax(light->intensity, 0.0);
+    light->range = fmax(light->range, 0.0);
+    light->outer_cone = fmin(fmax(light->outer_cone, 1e-3), 1.5707963);
+    light->inner_cone = fmin(fmax(light->inner_cone, 0.0), 0.999 * light->outer_cone);
+}
+
+/* What channels that are not of nodes change, with copies made for it. */
+struct changed {
+    struct kl_scene_glow *glows;
+    bool *materials; /* that some channel is about */
+};
+
+static void apply_to_thing(const struct kl_scene *scene, const struct kl_animation_channel *channel,
+                           double time, struct kl_pose *pose, struct changed *changed)
+{
+    const uint32_t target = channel->node;
+
+    for (uint32_t i = 0; channel->path <= KL_LIGHT_OUTER_CONE && i < scene->light_count; ++i) {
+        if (pose->lights[i].source == target) apply_to_light(channel, time, &pose->lights[i]);
+    }
+    if (channel->path <= KL_LIGHT_OUTER_CONE) return;
+    for (uint32_t i = 0; channel->path <= KL_CAMERA_YMAG && i < scene->camera_count; ++i) {
+        if (pose->cameras[i].source == target) apply_to_camera(channel, time, &pose->cameras[i]);
+    }
+    if (channel->path <= KL_CAMERA_YMAG) return;
+    changed->materials[target] = true;
+    apply_to_material(channel, time, &pose->materials[target], &changed->glows[target]);
+}
+
+static void apply_animation(const struct kl_scene *scene, const struct kl_animation *animation,
+                            double time, struct local_transform *local, struct kl_pose *pose,
+                            struct changed *changed)
+{
     for (uint32_t c = 0; c < animation->channel_count; ++c) {
         const struct kl_animation_channel *channel = &animation->channels[c];
-        struct local_transform *target = &local[channel->node];
-        switch (channel->path) {
-        case KL_TRANSLATION:
-            sample_channel(channel, time, target->translation);
-            break;
-        case KL_ROTATION:
-            sample_channel(channel, time, target->rotation);
-            break;
-        case KL_SCALE:
-            sample_channel(channel, time, target->scale);
-            break;
-        case KL_WEIGHTS:
-            sample_channel(channel, time, pose->weights[channel->node]);
-            break;
+        if (!kl_path_is_of_node(channel->path)) {
+            apply_to_thing(scene, channel, time, pose, changed);
+            continue;
         }
+        struct local_transform *target = &local[channel->node];
+        if (channel->path == KL_TRANSLATION) sample_channel(channel, time, target->translation);
+        if (channel->path == KL_ROTATION) sample_channel(channel, time, target->rotation);
+        if (channel->path == KL_SCALE) sample_channel(channel, time, target->scale);
+        if (channel->path == KL_WEIGHTS)
+            sample_channel(channel, time, pose->weights[channel->node]);
+    }
+}
+
+static bool has_things(const struct kl_scene *scene, uint32_t animation)
+{
+    for (uint32_t a = 0; a < scene->animation_count; ++a) {
+        if (animation != KL_NONE && animation != a) continue;
+        for (uint32_t c = 0; c < scene->animations[a].channel_count; ++c) {
+            if (!kl_path_is_of_node(scene->animations[a].channels[c].path)) return true;
+        }
+    }
+    return false;
+}
+
+static kl_status copy_things(const struct kl_scene *scene, struct kl_pose *pose,
+                             struct changed *changed, struct kl_err *err)
+{
+    kl_status st = kl_alloc_array(&pose->lights, scene->light_count, sizeof *pose->lights, err);
+    if (st == KL_OK) {
+        st = kl_alloc_array(&pose->cameras, scene->camera_count, sizeof *pose->cameras, err);
+    }
+    if (st == KL_OK) {
+        st = kl_alloc_array(&pose->materials, scene->material_count, sizeof *pose->materials, err);
+    }
+    if (st == KL_OK) {
+        st = kl_alloc_array(&changed->glows, scene->material_count, sizeof *changed->glows, err);
+    }
+    if (st == KL_OK) {
+        st = kl_alloc_array(&changed->materials, scene->material_count, sizeof(bool), err);
+    }
+    if (st != KL_OK) return st;
+    for (uint32_t i = 0; i < scene->light_count; ++i) {
+        pose->lights[i] = scene->lights[i];
+    }
+    for (uint32_t i = 0; i < scene->camera_count; ++i) {
+        pose->cameras[i] = scene->cameras[i];
+    }
+    for (uint32_t i = 0; i < scene->material_count; ++i) {
+        pose->materials[i] = scene->materials[i];
+        changed->glows[i] = scene->glows[i];
+    }
+    return KL_OK;
+}
+
+static void settle_things(const struct kl_scene *scene, struct kl_pose *pose,
+                          const struct changed *changed)
+{
+    for (uint32_t i = 0; i < scene->light_count; ++i) {
+        if (memcmp(&pose->lights[i], &scene->lights[i], sizeof pose->lights[i]) != 0) {
+            settle_light(&pose->lights[i]);
+        }
+    }
+    for (uint32_t i = 0; i < scene->material_count; ++i) {
+        if (changed->materials[i]) settle_material(&pose->materials[i], &changed->glows[i]);
     }
 }
 
@@ -208,23 +377,29 @@ kl_status kl_pose_create(const struct kl_scene *scene, uint32_t animation, doubl
 {
     struct kl_pose *pose = NULL;
     struct local_transform *local = NULL;
+    struct changed changed = {0};
 
     kl_status st = kl_alloc_array(&pose, 1, sizeof *pose, err);
     if (st != KL_OK) goto cleanup;
     st = kl_alloc_array(&local, scene->node_count, sizeof *local, err);
     if (st != KL_OK) goto cleanup;
     st = init_pose(scene, pose, local, err);
+    const bool things = has_things(scene, animation);
+    if (st == KL_OK && things) st = copy_things(scene, pose, &changed, err);
     if (st != KL_OK) goto cleanup;
     for (uint32_t a = 0; a < scene->animation_count; ++a) {
         if (animation != KL_NONE && animation != a) continue;
-        apply_animation(&scene->animations[a], time, local, pose);
+        apply_animation(scene, &scene->animations[a], time, local, pose, &changed);
     }
+    if (things) settle_things(scene, pose, &changed);
     compose_world(scene, local, time, pose);
     *out = pose;
     pose = NULL;
 
 cleanup:
     free(local);
+    free(changed.glows);
+    free(changed.materials);
     kl_pose_destroy(pose);
     return st;
 }

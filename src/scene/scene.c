@@ -69,6 +69,7 @@ void kl_scene_destroy(struct kl_scene *scene)
     free(scene->cameras);
     free(scene->lights);
     free(scene->materials);
+    free(scene->glows);
     free(scene->images);
     free(scene->textures);
     free(scene->animations);

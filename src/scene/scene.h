@@ -71,6 +71,7 @@ enum kl_projection { KL_PERSPECTIVE, KL_ORTHOGRAPHIC };
 struct kl_scene_camera {
     char *name; /* the node's name, else the camera's, else "camera N" */
     uint32_t node;
+    uint32_t source; /* number in the file's list: what animations name */
     enum kl_projection projection;
     double yfov;        /* [rad] perspective */
     double aspect;      /* width / height, 0 if the file leaves it to the image */
@@ -81,6 +82,7 @@ struct kl_scene_camera {
 struct kl_scene_light { /* KHR_lights_punctual */
     char *name;
     uint32_t node;                 /* shines along the node's own -Z */
+    uint32_t source;               /* number in the file's list: what animations name */
     uint32_t type;                 /* KL_LIGHT_POINT, _SPOT or _DIRECTIONAL */
     double color[3], intensity;    /* point and spot [cd], directional [lx] */
     double range;                  /* [m], 0 = unlimited */
@@ -100,14 +102,43 @@ struct kl_scene_texture {
 };
 
 enum kl_interpolation { KL_STEP, KL_LINEAR, KL_CUBIC_SPLINE };
-enum kl_channel_path { KL_TRANSLATION, KL_ROTATION, KL_SCALE, KL_WEIGHTS };
+enum kl_channel_path {
+    KL_TRANSLATION,
+    KL_ROTATION,
+    KL_SCALE,
+    KL_WEIGHTS,
+    /* KHR_animation_pointer. Lights and cameras by their `source`: */
+    KL_LIGHT_COLOR,
+    KL_LIGHT_INTENSITY,
+    KL_LIGHT_RANGE,
+    KL_LIGHT_INNER_CONE,
+    KL_LIGHT_OUTER_CONE,
+    KL_CAMERA_YFOV,
+    KL_CAMERA_XMAG,
+    KL_CAMERA_YMAG,
+    /* Materials by their number: */
+    KL_MATERIAL_BASE_COLOR,
+    KL_MATERIAL_METALLIC,
+    KL_MATERIAL_ROUGHNESS,
+    KL_MATERIAL_NORMAL_SCALE,
+    KL_MATERIAL_ALPHA_CUTOFF,
+    KL_MATERIAL_EMISSIVE_FACTOR,
+    KL_MATERIAL_EMISSIVE_STRENGTH,
+    KL_MATERIAL_IOR,
+    KL_MATERIAL_SPECULAR,
+    KL_MATERIAL_SPECULAR_COLOR,
+};
+static inline bool kl_path_is_of_node(enum kl_channel_path path)
+{
+    return path <= KL_WEIGHTS;
+}
 
 struct kl_animation_channel {
-    uint32_t node;
+    uint32_t node; /* or light, camera, material: as the path has it */
     enum kl_channel_path path;
     enum kl_interpolation interpolation;
     uint32_t key_count; /* >= 1 */
-    uint32_t width;     /* values per key: 3, 4 or the number of weights */
+    uint32_t width;     /* values per key: 1, 3, 4 or the number of weights */
     float *times;       /* [s], strictly increasing */
     float *values;      /* width per key; cubic: in-tangent, value, out-tangent */
 };
@@ -143,6 +174,9 @@ struct kl_scene {
     struct kl_scene_camera *cameras;
     struct kl_scene_light *lights;
     kl_material *materials; /* the shared form; tex[].texture indexes `textures` */
+    struct kl_scene_glow {  /* per material: emission is their product */
+        float factor[3], strength;
+    } * glows;
     struct kl_scene_image *images;
     struct kl_scene_texture *textures;
     struct kl_animation *animations;
@@ -216,7 +250,8 @@ void kl_deformed_fini(struct kl_deformed *deformed);
 bool kl_node_is_animated(const struct kl_scene *scene, uint32_t animation, uint32_t node);
 /* Whether instance `i` moves or deforms in the animations chosen. */
 bool kl_instance_is_animated(const struct kl_scene *scene, uint32_t animation, uint32_t instance);
-/* Whether anything but cameras moves: instances, punctual lights, morph weights, skins. */
+/* Whether anything but cameras changes: instances, punctual lights, morph weights, skins,
+ * materials. */
 bool kl_scene_is_moving(const struct kl_scene *scene, uint32_t animation);
 
 #ifdef __cplusplus
