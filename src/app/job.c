@@ -138,7 +138,7 @@ kl_status kl_job_init(struct kl_job *job, const struct kl_options *options, stru
     if (st == KL_OK) st = make_shutter_times(job, err);
     if (st == KL_OK) st = kl_scene_file_load(options, &job->scene, &job->animation, err);
     if (st == KL_OK && options->object_turns) {
-        st = kl_scene_set_turn(job->scene, kl_fps_get(options->fps), options->turntable, err);
+        st = kl_scene_set_plate(job->scene, kl_fps_get(options->fps), options->turntable, err);
     }
     if (st == KL_OK) st = create_renderer(job, err);
     if (st == KL_OK) st = kl_rig_create(job->scene, job->renderer, options, &job->rig, err);

@@ -149,7 +149,7 @@ void read_specular(kl_gltf_import &in, const ExtensionMap &extensions, const std
                  place + ".specularColorTexture", m.tex[KL_TEX_SPECULAR_COLOR]);
 }
 
-void read_emission(const tinygltf::Material &from, kl_material &m, kl_scene::kl_scene_glow &glow)
+void read_emission(const tinygltf::Material &from, kl_material &m, kl_scene_glow &glow)
 {
     const Value *extension = kl_gltf_find(from.extensions, "KHR_materials_emissive_strength");
     const double strength =
@@ -162,7 +162,7 @@ void read_emission(const tinygltf::Material &from, kl_material &m, kl_scene::kl_
 }
 
 kl_material read_material(kl_gltf_import &in, const tinygltf::Material &from,
-                          const std::string &place, kl_scene::kl_scene_glow &glow)
+                          const std::string &place, kl_scene_glow &glow)
 {
     kl_material m = make_default();
     const auto &pbr = from.pbrMetallicRoughness;
@@ -198,7 +198,7 @@ void kl_gltf_read_materials(kl_gltf_import &in)
     in.scene->images = kl_gltf_new_array<kl_scene_image>(in.images.size());
     in.scene->textures = kl_gltf_new_array<kl_scene_texture>(in.model.textures.size());
     in.scene->materials = kl_gltf_new_array<kl_material>(count + 1); // and the default
-    in.scene->glows = kl_gltf_new_array<kl_scene::kl_scene_glow>(count + 1);
+    in.scene->glows = kl_gltf_new_array<kl_scene_glow>(count + 1);
     for (size_t i = 0; i < count; ++i) {
         in.scene->materials[i] =
             read_material(in, in.model.materials[i], kl_gltf_format_text("materials[%zu]", i),

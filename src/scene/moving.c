@@ -42,7 +42,7 @@ static bool node_has_channel(const struct kl_scene *scene, uint32_t animation, u
 static bool node_moves(const struct kl_scene *scene, uint32_t animation, uint32_t node)
 {
     for (uint32_t n = node; n != KL_NONE; n = scene->nodes[n].parent) {
-        if (scene->turn.count > 0 && scene->nodes[n].turns) return true;
+        if (scene->plate.count > 0 && scene->nodes[n].turns) return true;
         if (node_has_channel(scene, animation, n, false)) return true;
     }
     return false;

@@ -89,11 +89,11 @@ static void find_axis(struct kl_scene *scene, const struct kl_pose *pose, const 
         }
     }
     for (int k = 0; k < 3; ++k) {
-        scene->turn.centre[k] = lo[k] <= hi[k] ? 0.5 * (lo[k] + hi[k]) : 0.0;
+        scene->plate.centre[k] = lo[k] <= hi[k] ? 0.5 * (lo[k] + hi[k]) : 0.0;
     }
 }
 
-kl_status kl_scene_set_turn(struct kl_scene *scene, double fps, uint32_t count, struct kl_err *err)
+kl_status kl_scene_set_plate(struct kl_scene *scene, double fps, uint32_t count, struct kl_err *err)
 {
     struct kl_pose *pose = NULL;
     uint8_t *roles = NULL;
@@ -112,8 +112,8 @@ kl_status kl_scene_set_turn(struct kl_scene *scene, double fps, uint32_t count, 
             }
         }
         find_axis(scene, pose, is_top);
-        scene->turn.fps = fps;
-        scene->turn.count = count;
+        scene->plate.fps = fps;
+        scene->plate.count = count;
     }
     kl_pose_destroy(pose);
     free(roles);
@@ -121,7 +121,7 @@ kl_status kl_scene_set_turn(struct kl_scene *scene, double fps, uint32_t count, 
     return st;
 }
 
-void kl_turn_matrix(const struct kl_turn *turn, double time, double out[16])
+void kl_plate_matrix(const struct kl_plate *turn, double time, double out[16])
 {
     const double frame = time * turn->fps - 1.0;
     const double whole = floor(frame + 0.5);

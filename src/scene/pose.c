@@ -350,7 +350,7 @@ static void compose_world(const struct kl_scene *scene, const struct local_trans
 {
     double turn[16];
 
-    if (scene->turn.count > 0) kl_turn_matrix(&scene->turn, time, turn);
+    if (scene->plate.count > 0) kl_plate_matrix(&scene->plate, time, turn);
     for (uint32_t n = 0; n < scene->node_count; ++n) {
         const struct kl_node *node = &scene->nodes[n];
         double *world = &pose->world_from_node[(size_t)n * 16];
@@ -365,7 +365,7 @@ static void compose_world(const struct kl_scene *scene, const struct local_trans
         } else { /* parents come first */
             kl_mat4_multiply(&pose->world_from_node[(size_t)node->parent * 16], matrix, world);
         }
-        if (scene->turn.count > 0 && node->turns) {
+        if (scene->plate.count > 0 && node->turns) {
             memcpy(matrix, world, sizeof matrix);
             kl_mat4_multiply(turn, matrix, world);
         }

@@ -50,7 +50,7 @@ struct kl_node {
     uint32_t weight_count; /* default morph weights of the node's mesh */
     double *weights;
     bool visible; /* in the scene that is rendered */
-    bool turns;   /* it and all below stand on the plate: kl_scene_set_turn */
+    bool turns;   /* it and all below stand on the plate: kl_scene_set_plate */
 };
 
 /* A mesh at a node. A glTF mesh of n primitives at a node is n instances. */
@@ -155,8 +155,12 @@ struct kl_scene_environment {
     float *rgb;             /* 3 per texel, rows from the top (+Y), all finite, >= 0 */
 };
 
+struct kl_scene_glow {
+    float factor[3], strength;
+};
+
 /* A plate that turns once about +Y in `count` frames; frame 1 is as the file has it. */
-struct kl_turn {
+struct kl_plate {
     uint32_t count;   /* 0: no plate */
     double fps;       /* [1/s] */
     double centre[3]; /* [m] world: the axis goes through it */
@@ -164,7 +168,7 @@ struct kl_turn {
 
 struct kl_scene {
     char *path;
-    struct kl_turn turn;
+    struct kl_plate plate;
     uint32_t mesh_count, node_count, instance_count, skin_count, camera_count, light_count;
     uint32_t material_count, image_count, texture_count, animation_count;
     struct kl_mesh *meshes;
@@ -173,10 +177,8 @@ struct kl_scene {
     struct kl_skin *skins;
     struct kl_scene_camera *cameras;
     struct kl_scene_light *lights;
-    kl_material *materials; /* the shared form; tex[].texture indexes `textures` */
-    struct kl_scene_glow {  /* per material: emission is their product */
-        float factor[3], strength;
-    } * glows;
+    kl_material *materials;      /* the shared form; tex[].texture indexes `textures` */
+    struct kl_scene_glow *glows; /* per material: emission is their product */
     struct kl_scene_image *images;
     struct kl_scene_texture *textures;
     struct kl_animation *animations;
@@ -188,10 +190,10 @@ struct kl_scene {
  * is frame 1 bit for bit where nothing else moves. All top-level nodes with a mesh or a skeleton
  * turn, with what hangs on them; lamps (whose meshes only glow), punctual lights and cameras that
  * are top-level nodes stay. */
-kl_status kl_scene_set_turn(struct kl_scene *scene, double fps, uint32_t count,
-                            struct kl_err *err) KL_MUST_CHECK;
+kl_status kl_scene_set_plate(struct kl_scene *scene, double fps, uint32_t count,
+                             struct kl_err *err) KL_MUST_CHECK;
 /* World from world on the plate at `time` [s]. */
-void kl_turn_matrix(const struct kl_turn *turn, double time, double out[16]);
+void kl_plate_matrix(const struct kl_plate *turn, double time, double out[16]);
 
 /* Frees everything; accepts NULL. */
 void kl_scene_destroy(struct kl_scene *scene);

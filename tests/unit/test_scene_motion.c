@@ -260,19 +260,19 @@ static void lamps_move(void **state)
 
 static void a_plate_closes(void **state)
 {
-    const struct kl_turn turn = {24, 24000.0 / 1001.0, {1.0, 2.0, 3.0}};
+    const struct kl_plate turn = {24, 24000.0 / 1001.0, {1.0, 2.0, 3.0}};
     double first[16];
     double other[16];
     (void)state;
     for (int frame = 1; frame <= 24; ++frame) {
         for (int k = -1; k <= 1; ++k) {
             const double time = (frame + 0.25 * k) / turn.fps;
-            kl_turn_matrix(&turn, time, first);
-            kl_turn_matrix(&turn, (frame + 0.25 * k + 24 * 7) / turn.fps, other);
+            kl_plate_matrix(&turn, time, first);
+            kl_plate_matrix(&turn, (frame + 0.25 * k + 24 * 7) / turn.fps, other);
             assert_memory_equal(first, other, sizeof first);
         }
     }
-    kl_turn_matrix(&turn, 1.0 / turn.fps, first);
+    kl_plate_matrix(&turn, 1.0 / turn.fps, first);
     for (int i = 0; i < 16; ++i) {
         assert_true(first[i] == (i % 5 == 0 ? 1.0 : 0.0));
     }
