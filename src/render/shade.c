@@ -105,7 +105,8 @@ static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_
     const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
     ++counts->late;
     if (!(kl_dot(dir, surface->geometric) > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_ray_make(kl_leave_surface(context->reference, surface->pos, surface->geometric), dir, KL_INF);
+    const kl_ray ray = kl_ray_make(
+        kl_leave_surface(context->reference, surface->pos, surface->geometric), dir, KL_INF);
     const kl_gather_cell cell = kl_gather_ray(context->reference, &context->levels[1],
                                               &context->gather, surface->smooth, ray, *sampler);
     ++sampler->dim;
