@@ -153,6 +153,19 @@ kl_gltf_blob read_buffer(const kl_gltf_import &in, const nlohmann::json &buffer,
     return blob;
 }
 
+// KHR_animation_pointer: tinygltf drops channels whose target is not a node.
+void keep_pointers(nlohmann::json &root)
+{
+    const auto animations = root.find("animations");
+    if (animations == root.end()) return;
+    for (auto &animation : *animations) {
+        for (auto &channel : animation["channels"]) {
+            auto &target = channel["target"];
+            if (target["path"] == "pointer" && !target.contains("node")) target["node"] = -1;
+        }
+    }
+}
+
 // Buffers and images are read here and not by tinygltf, which reads past short ones, refuses
 // padded ones and opens whatever a URI names.
 void take_sources(kl_gltf_import &in, nlohmann::json &root, const kl_gltf_chunks &chunks)
@@ -297,6 +310,7 @@ kl_scene *import_bytes(kl_gltf_import &in, const unsigned char *bytes, size_t si
         check_version(in, root);
         check_extensions(in, root);
         kl_gltf_check_schema(in, root);
+        keep_pointers(root);
         take_sources(in, root, chunks);
         parse_model(in, root);
     }
