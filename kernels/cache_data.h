@@ -30,12 +30,11 @@ typedef struct kl_record_cold {
     float raw_radius;     /* [m] before clamping, > 0 */
     kl_u32 error_spacing; /* low 16: half, relative standard error of irr; high 16: half, least
                            * radius over raw_radius (pixel size where it was placed) */
-    kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, in units
-                                  * of kl_clearance_unit; 255: open */
+    kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, as
+                                  * kl_clearance_code; 255: open */
     kl_u32 touched[2];           /* set of the scene objects that E depends on: bit per bucket */
 } kl_record_cold;
 KL_ASSERT_SIZE(kl_record_cold, 64);
-#define KL_CLEARANCE_REACH 2.0f
 
 KL_FN float kl_record_axis_angle(kl_u32 form)
 {

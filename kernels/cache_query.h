@@ -31,6 +31,8 @@ typedef struct kl_query {
 typedef struct kl_answer {
     kl_vec3 irr;  /* irradiance [W m^-2] */
     float weight; /* sum of weights; 0: no record serves this point */
+    float best;   /* largest weight: 1 on top of a record */
+    float shares; /* sum of weights over squared radii, what the means are taken by */
     float error;  /* relative standard error of the records, weighted mean */
     float radius; /* [m] of the nearest-weighted records, weighted mean */
 } kl_answer;
@@ -118,11 +120,15 @@ KL_FN kl_u32 kl_sector_of(float x, float y)
     return 3u * quadrant + third;
 }
 
-/* Unit of the clearance codes [m]: 254 of them reach past any radius the record may be given. */
-KL_FN float kl_clearance_unit(const KL_GLOBAL kl_record_cold *c)
+/* Code of a squared distance [m^2], for comparison: steps of an eighth of an octave or less, from
+ * 2^-13 to 5 times the largest radius that the record may be given. 0..254. */
+KL_FN kl_u32 kl_clearance_code(const KL_GLOBAL kl_record_cold *c, float d2)
 {
     const float spacing = kl_half_to_float(c->error_spacing >> 16); /* may exceed 1 */
-    return kl_fmax(spacing, 1.0f) * c->raw_radius * (KL_CLEARANCE_REACH / 254.0f);
+    const float unit = kl_fmax(spacing, 1.0f) * c->raw_radius;
+    const kl_u32 bits = kl_as_u32(kl_fmin(d2 / (unit * unit), 1e30f)) >> 20;
+    const kl_u32 least = (127u - 27u) * 8u;
+    return bits <= least ? 0u : (bits - least < 254u ? bits - least : 254u);
 }
 
 /* Is the horizon blocked between the record and a point at local offset (x, y)? Uses the distances
@@ -131,8 +137,7 @@ KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, float x, float
 {
     const kl_u32 code = c->clearance[kl_sector_of(x, y)];
     if (code == 255u) return 0;
-    const float open = (float)code * kl_clearance_unit(c);
-    return x * x + y * y > open * open;
+    return kl_clearance_code(c, x * x + y * y) >= code;
 }
 
 /* What the record says the irradiance is at an offset: first order in position and normal, as a
@@ -215,10 +220,15 @@ KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl
     if (!(w > 0.0f)) return;
     const kl_frame f = kl_frame_from_normal(normal);
     if (kl_record_is_blocked(cold, kl_dot(offset, f.t), kl_dot(offset, f.b))) return;
-    a->irr = kl_v3_mad(a->irr, w, kl_record_extrapolate(cold, &f, offset, bent));
-    a->error += w * kl_half_to_float(cold->error_spacing & 0xffffu);
-    a->radius += w * c->hot[i].radius;
+    /* Where a small record serves, a large one that reaches there knows less. */
+    const float small = c->head.side / c->hot[i].radius;
+    const float share = w * small * small;
+    a->irr = kl_v3_mad(a->irr, share, kl_record_extrapolate(cold, &f, offset, bent));
+    a->error += share * kl_half_to_float(cold->error_spacing & 0xffffu);
+    a->radius += share * c->hot[i].radius;
     a->weight += w;
+    a->best = kl_fmax(a->best, w);
+    a->shares += share;
 }
 
 /* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
@@ -230,6 +240,8 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     kl_answer a;
     a.irr = kl_v3_splat(0.0f);
     a.weight = 0.0f;
+    a.best = 0.0f;
+    a.shares = 0.0f;
     a.error = 0.0f;
     a.radius = 0.0f;
     if (c->head.record_count == 0u) return a;
@@ -248,9 +260,9 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
         }
     }
     if (a.weight > 0.0f) {
-        a.irr = kl_v3_scale(a.irr, 1.0f / a.weight);
-        a.error /= a.weight;
-        a.radius /= a.weight;
+        a.irr = kl_v3_scale(a.irr, 1.0f / a.shares);
+        a.error /= a.shares;
+        a.radius /= a.shares;
     }
     return a;
 }

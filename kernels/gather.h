@@ -43,10 +43,21 @@ typedef struct kl_gather_cell {
 KL_ASSERT_SIZE(kl_gather_cell, 24);
 #define KL_TOUCH_NONE 255u
 
+KL_FN float kl_cell_inverse(const KL_GLOBAL kl_gather_cell *c)
+{
+    const float d = kl_fabs(c->distance);
+    return d < KL_INF ? 1.0f / kl_fmax(d, 1e-30f) : 0.0f;
+}
+KL_FN float kl_cell_luminance(const KL_GLOBAL kl_gather_cell *c)
+{
+    return 0.2126f * c->radiance[0] + 0.7152f * c->radiance[1] + 0.0722f * c->radiance[2];
+}
+
 typedef struct kl_gather_settings {
     kl_query query;     /* of the level-1 records */
     float length_scale; /* records serve a ray only if it is longer than xi * this * radius */
     kl_u32 side;        /* directions are side x side */
+    kl_u32 side_before; /* rays of this many directions a side have been traced already, or 0 */
     kl_u32 sets;        /* number of direction sets, a power of two */
     float touch;        /* share of a record's light from which on it depends on a part */
 } kl_gather_settings;
@@ -176,6 +187,24 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
     const kl_vec3 origin = kl_leave_surface(s, kl_v3_load(point->pos), ng);
     return kl_gather_ray(s, level1, set, n, kl_ray_make(origin, dir, KL_INF),
                          kl_sampler_make(direction->index, point->seed));
+}
+
+/* One cell of a step: traced, or taken from the cells of the step before, whose every ray is one of
+ * this step's and lies in the cell that this one is a quarter of. */
+KL_FN kl_gather_cell kl_gather_one_cell(const kl_scene_view *s, const kl_level_view *level1,
+                                        const kl_gather_settings *set,
+                                        const KL_GLOBAL kl_gather_point *point,
+                                        const KL_GLOBAL kl_direction *directions, kl_u32 cell,
+                                        const KL_GLOBAL kl_gather_cell *before)
+{
+    const KL_GLOBAL kl_direction *direction = directions + cell;
+    if (direction->index < set->side_before * set->side_before) {
+        const kl_u32 step = set->side / set->side_before;
+        const kl_u32 x = cell % set->side / step;
+        const kl_u32 y = cell / set->side / step;
+        return before[y * set->side_before + x];
+    }
+    return kl_gather_direction(s, level1, set, point, direction);
 }
 
 /* Cell `order` of a side x side grid along the Z-curve, as row * side + column: consecutive work

@@ -58,7 +58,7 @@
     T(kl_gather_settings) F(kl_gather_settings, length_scale) F(kl_gather_settings, side)         \
     F(kl_gather_settings, sets) F(kl_gather_settings, touch)                                      \
     T(kl_gather_result) F(kl_gather_result, error) F(kl_gather_result, grad_t)                    \
-    F(kl_gather_result, grad_r) F(kl_gather_result, harmonic) F(kl_gather_result, clearance)
+    F(kl_gather_result, grad_r) F(kl_gather_result, hessian) F(kl_gather_result, harmonic) F(kl_gather_result, clearance)
 
 #define KL_PROBE_ALL(T, F)                                                                        \
     KL_PROBE_TRACE(T, F) KL_PROBE_SURFACES(T, F) KL_PROBE_LIGHTS(T, F) KL_PROBE_CACHE(T, F)       \

@@ -8,6 +8,7 @@
 #include "src/base/clock.h"
 #include "src/base/memory.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -24,7 +25,8 @@ struct run {
     struct kl_image *image;
     size_t to_render, rendered, skipped;
     uint64_t added;
-    double uncovered;
+    double uncovered, measured;
+    struct kl_verify_errors errors; /* of all frames */
 };
 
 static bool note_render(void *context, double done)
@@ -105,6 +107,7 @@ static kl_status fill_frames(struct run *run, size_t i, size_t count, struct kl_
         run->added += stats->added[l];
     }
     run->uncovered = stats->uncovered;
+    run->measured = fmax(run->measured, stats->measured);
     return st;
 }
 
@@ -143,6 +146,16 @@ static kl_status render_frame(struct run *run, size_t i, struct kl_report_frame 
     return st;
 }
 
+static kl_status verify_frame(struct run *run, size_t i, struct kl_report_frame *entry,
+                              struct kl_err *err)
+{
+    struct kl_job *job = &run->job;
+    if (!job->has_cache || job->options->verify <= 0.0) return KL_OK;
+    entry->verified = true;
+    return kl_renderer_verify(job->renderer, &job->frames[i].camera, job->options->verify,
+                              &run->errors, &entry->verify, err);
+}
+
 static struct kl_report_frame start_entry(const struct run *run, size_t i)
 {
     return (struct kl_report_frame){.frame = run->job.frames[i].frame,
@@ -175,6 +188,7 @@ static kl_status do_frame(struct run *run, size_t i, struct kl_fill_stats *fill,
     }
     entry.loaded = job->loaded;
     entry.uncovered = run->uncovered;
+    if (st == KL_OK) st = verify_frame(run, i, &entry, err);
     if (st == KL_OK && renders) {
         entry.outcome = KL_FRAME_RENDERED;
         st = render_frame(run, i, &entry, err);
@@ -229,6 +243,31 @@ static kl_status explain_stop(const struct run *run, struct kl_err *err)
                    run->rendered, goal);
 }
 
+/* The error of the irradiance as measured, all frames together. */
+static kl_status sum_up_errors(struct run *run, struct kl_err *err)
+{
+    struct kl_verify_stats v;
+    if (run->errors.count == 0) return KL_OK;
+    kl_verify_summarise(&run->errors, &v);
+    (void)printf("irradiance at %llu pixels: bias %+.2f %% +- %.2f, rmse %.2f %%, 95 %% within "
+                 "%.2f %% (%.2f to %.2f), 99 %% within %.2f %%\n",
+                 (unsigned long long)v.points, 100.0 * v.bias, 100.0 * v.bias_interval,
+                 100.0 * v.rmse, 100.0 * v.p95, 100.0 * v.p95_low, 100.0 * v.p95_high,
+                 100.0 * v.p99);
+    return kl_report_set_verify(run->report, &v, err);
+}
+
+/* All frames are there, but the measured error is not what was asked for. */
+static kl_status check_promise(const struct run *run, struct kl_err *err)
+{
+    const double asked = run->job.options->error;
+    if (run->measured <= asked) return KL_OK;
+    return kl_fail(err, KL_ERR_LIMIT,
+                   "95 %% of the irradiance is within %.3g, not within the --error %.3g asked for; "
+                   "more --rays help against noise",
+                   run->measured, asked);
+}
+
 static void print_summary(const struct run *run)
 {
     const struct kl_job *job = &run->job;
@@ -262,6 +301,7 @@ static void free_run(struct run *run)
         free(run->entries[i].path);
     }
     free(run->entries);
+    free(run->errors.values);
     kl_image_destroy(run->image);
     kl_report_destroy(run->report);
     kl_job_fini(&run->job);
@@ -283,6 +323,8 @@ static kl_status run_job(const struct kl_options *options, bool renders, struct 
     }
     kl_progress_end(&run.job.progress);
     if (st == KL_ERR_INTERRUPTED) st = explain_stop(&run, err);
+    if (st == KL_OK) st = sum_up_errors(&run, err);
+    if (st == KL_OK) st = check_promise(&run, err);
     if (started && options->report != NULL) {
         struct kl_err report_err;
         const kl_status written = kl_report_write(run.report, &run.job, st, options->report,

@@ -62,6 +62,8 @@ static kl_status create_renderer(struct kl_job *job, struct kl_err *err)
     const struct kl_renderer_settings settings = {.indirect = indirects[o->indirect],
                                                   .device = o->device,
                                                   .error = o->error,
+                                                  .radius = o->split_sphere ? KL_RADIUS_SPLIT_SPHERE
+                                                                            : KL_RADIUS_HESSIAN,
                                                   .rays = o->rays,
                                                   .seed = o->seed,
                                                   .animation = job->animation};
@@ -292,6 +294,7 @@ kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill
                                           .camera_count = used,
                                           .keep = job->keeps,
                                           .must_keep = job->must_keep,
+                                          .measure = job->options->measure,
                                           .progress = note_fill,
                                           .progress_context = &job->progress};
     st = kl_renderer_fill(job->renderer, &fill, stats, err);

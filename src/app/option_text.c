@@ -50,6 +50,25 @@ kl_status kl_option_read_number(const char *option, const char *text, double lea
     return KL_OK;
 }
 
+kl_status kl_option_read_share(const char *option, const char *text, double *out,
+                               struct kl_err *err)
+{
+    char *end = NULL;
+    double value = strtod(text, &end);
+    const bool percent = end != text && *end == '%';
+
+    if (percent) {
+        ++end;
+        value *= 0.01;
+    }
+    if (end == text || *end != '\0' || !(value > 0.0) || !(value <= 1.0)) {
+        return kl_fail(err, KL_ERR_USAGE, "--%s: '%s' is not a share, as 1%% or 0.01", option,
+                       text);
+    }
+    *out = value;
+    return KL_OK;
+}
+
 kl_status kl_option_read_bytes(const char *option, const char *text, uint64_t *out,
                                struct kl_err *err)
 {

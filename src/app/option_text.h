@@ -12,6 +12,9 @@ kl_status kl_option_read_u32(const char *option, const char *text, uint32_t leas
                              uint32_t *out, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_option_read_number(const char *option, const char *text, double least, double most,
                                 double *out, struct kl_err *err) KL_MUST_CHECK;
+/* "1%" or "0.01": more than nothing, at most everything. */
+kl_status kl_option_read_share(const char *option, const char *text, double *out,
+                               struct kl_err *err) KL_MUST_CHECK;
 /* "500M": bytes, with K, M or G for powers of 1024. */
 kl_status kl_option_read_bytes(const char *option, const char *text, uint64_t *out,
                                struct kl_err *err) KL_MUST_CHECK;

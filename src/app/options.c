@@ -28,6 +28,8 @@ enum option_id {
     OPT_CACHE,
     OPT_CACHE_MODE,
     OPT_ERROR,
+    OPT_VERIFY,
+    OPT_RADIUS,
     OPT_PRESET,
     OPT_RAYS,
     OPT_DEVICE,
@@ -86,6 +88,9 @@ enum { OBJECT_TURN = 120 };
         TEXT("animation", OPT_ANIMATION, "Animation of the scene to follow (default: all)",        \
              "NAME")
 
+static const struct kl_option_word radius_rules[] = {
+    {"hessian", 0}, {"split-sphere", 1}, {NULL, 0}};
+
 static const struct poptOption render_options[] = {
     SCENE_OPTIONS,
     TEXT("frames", OPT_FRAMES, "Frames, as 1-48x2,60 (default: the animation's range, or 1)",
@@ -112,6 +117,11 @@ static const struct poptOption render_options[] = {
          "MODE"),
     TEXT("error", OPT_ERROR, "Relative error of indirect irradiance to aim at (default: 0.02)",
          "E"),
+    TEXT("verify", OPT_VERIFY, "Gather this share of the pixels anew and report the error, as 1%",
+         "SHARE"),
+    TEXT("radius", OPT_RADIUS,
+         "Advanced: what decides how far records serve: hessian or split-sphere (default: hessian)",
+         "RULE"),
     TEXT("preset", OPT_PRESET,
          "Choose --error and --spp together: draft, still, animation or final", "NAME"),
     TEXT("rays", OPT_RAYS, "Advanced: gather rays of a record (default: 1024)", "N"),
@@ -305,6 +315,9 @@ static kl_status set_choice(struct kl_options *o, int id, const char *text, stru
     } else if (id == OPT_CACHE_MODE) {
         st = set_word("cache-mode", text, cache_modes, &value, err);
         if (st == KL_OK) o->cache_mode = (enum kl_cache_mode)value;
+    } else if (id == OPT_RADIUS) {
+        st = set_word("radius", text, radius_rules, &value, err);
+        o->split_sphere = value == 1;
     } else {
         st = set_word("progress", text, progress_modes, &value, err);
         if (st == KL_OK) o->progress = (enum kl_progress_mode)value;
@@ -350,6 +363,8 @@ static kl_status set_number(struct kl_options *o, int id, const char *text, stru
         return kl_option_read_u32("spp", text, 1, 65536, &o->spp, err);
     case OPT_ERROR:
         return kl_option_read_number("error", text, 0.001, 1.0, &o->error, err);
+    case OPT_VERIFY:
+        return kl_option_read_share("verify", text, &o->verify, err);
     case OPT_RAYS:
         return kl_option_read_u32("rays", text, 16, 65536, &o->rays, err);
     case OPT_THREADS:
@@ -420,6 +435,7 @@ static kl_status set_option(struct kl_options *o, int id, const char *text, stru
     case OPT_BY:
     case OPT_CACHE_MODE:
     case OPT_PROGRESS:
+    case OPT_RADIUS:
         return set_choice(o, id, text, err);
     case OPT_JSON:
         o->json = true;
@@ -450,6 +466,7 @@ static kl_status apply_preset(struct kl_options *o, struct kl_err *err)
         kl_status st = set_word("preset", o->preset, names, &i, err);
         if (st != KL_OK) return st;
     }
+    o->measure = o->error > 0.0 || o->preset != NULL;
     if (o->error <= 0.0) o->error = presets[i].error;
     if (o->spp == 0) o->spp = presets[i].spp;
     return KL_OK;

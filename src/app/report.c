@@ -21,7 +21,7 @@ struct sums {
 };
 
 struct kl_report {
-    json_t *frames;
+    json_t *frames, *verify; /* verify: NULL if nothing was verified */
     struct sums sums;
 };
 
@@ -44,6 +44,7 @@ void kl_report_destroy(struct kl_report *report)
 {
     if (report == NULL) return;
     json_decref(report->frames);
+    json_decref(report->verify);
     free(report);
 }
 
@@ -64,6 +65,24 @@ static uint64_t added_by(const struct kl_fill_stats *fill)
 static double fill_seconds(const struct kl_fill_stats *fill)
 {
     return fill->visibility_seconds + fill->gather_seconds + fill->insert_seconds;
+}
+
+static json_t *describe_verify(const struct kl_verify_stats *v)
+{
+    return json_pack("{s:I,s:I,s:f,s:f,s:f,s:f,s:f,s:[f,f],s:f,s:[f,f],s:f}", "points",
+                     integer(v->points), "unserved", integer(v->unserved), "bias", v->bias,
+                     "bias_interval", v->bias_interval, "rmse", v->rmse, "rmse_interval",
+                     v->rmse_interval, "p95", v->p95, "p95_interval", v->p95_low, v->p95_high,
+                     "p99", v->p99, "p99_interval", v->p99_low, v->p99_high, "reference_noise",
+                     v->noise);
+}
+
+kl_status kl_report_set_verify(struct kl_report *report, const struct kl_verify_stats *stats,
+                               struct kl_err *err)
+{
+    json_decref(report->verify);
+    report->verify = describe_verify(stats);
+    return report->verify != NULL ? KL_OK : kl_fail(err, KL_ERR_NO_MEMORY, "report: out of memory");
 }
 
 /* null where there is no estimate. */
@@ -92,6 +111,7 @@ static void add_sums(struct sums *sums, const struct kl_report_frame *f)
     sums->shade_seconds += f->shade_seconds;
     sums->write_seconds += f->write_seconds;
     sums->uncovered = fmax(sums->uncovered, f->uncovered);
+    sums->fill.measured = fmax(sums->fill.measured, f->fill.measured);
     sums->rendered += f->outcome == KL_FRAME_RENDERED;
     sums->skipped += f->outcome == KL_FRAME_SKIPPED;
 }
@@ -121,6 +141,9 @@ kl_status kl_report_add_frame(struct kl_report *report, const struct kl_report_f
         integer(f->counts.lookups), "lookup_hits", integer(f->counts.lookup_hits), "reused_last",
         integer(f->counts.reused), "rays", rays, "uncovered", f->uncovered, "error_estimate",
         estimate(f->error_estimate), "bad_samples", integer(f->bad_samples));
+    if (entry != NULL && f->verified) {
+        (void)json_object_set_new(entry, "verify", describe_verify(&f->verify));
+    }
     if (entry == NULL || json_array_append_new(report->frames, entry) != 0) {
         return kl_fail(err, KL_ERR_NO_MEMORY, "report: out of memory");
     }
@@ -170,10 +193,11 @@ static json_t *describe_settings(const struct kl_job *job)
         "spp", integer(o->spp), "out", job->pattern, "aov", o->aov != NULL ? o->aov : "all", "png",
         (int)o->png, "overwrite", (int)o->overwrite);
     json_t *light = json_pack(
-        "{s:s,s:s?,s:s,s:f,s:s?,s:I,s:s,s:I,s:s?,s:s,s:f}", "indirect",
+        "{s:s,s:s?,s:s,s:f,s:s?,s:s,s:f,s:I,s:s,s:I,s:s?,s:s,s:f}", "indirect",
         kl_indirect_name(o->indirect), "cache", job->has_store ? job->cache_dir : NULL,
         "cache_mode", kl_cache_mode_name(o->cache_mode), "error", o->error, "preset", o->preset,
-        "rays", integer(o->rays), "device", o->device != NULL ? o->device : "auto", "seed",
+        "radius", o->split_sphere ? "split-sphere" : "hessian", "verify", o->verify, "rays",
+        integer(o->rays), "device", o->device != NULL ? o->device : "auto", "seed",
         integer(o->seed), "env", o->env, "animation", o->animation != NULL ? o->animation : "all",
         "time_limit", o->time_limit);
     if (image != NULL && light != NULL) (void)json_object_update(image, light);
@@ -196,15 +220,16 @@ static json_t *describe_total(const struct kl_report *report, const struct kl_jo
 
     kl_renderer_get_cache(job->renderer, &state);
     return json_pack(
-        "{s:s,s:f,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:I,s:I,s:I,s:f,s:I,s:I}", "outcome", outcome,
-        "seconds", kl_seconds() - job->options->start, "seconds_by_stage", seconds, "records",
-        integer(kl_job_records(job)), "records_added", integer(s->added), "records_late",
+        "{s:s,s:f,s:o,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:o,s:I,s:I,s:I,s:f,s:I,s:I,s:o}", "outcome",
+        outcome, "seconds", kl_seconds() - job->options->start, "seconds_by_stage", seconds,
+        "records", integer(kl_job_records(job)), "records_added", integer(s->added), "records_late",
         integer(s->counts.late), "cache_bytes", integer(state.bytes), "cache_generation",
         integer(state.generation), "damaged_segments", integer(state.damaged), "peak_rss_bytes",
         (json_int_t)kl_peak_rss(), "rays", rays, "lookups", integer(s->counts.lookups),
         "lookup_hits", integer(s->counts.lookup_hits), "reused_last", integer(s->counts.reused),
         "uncovered", s->uncovered, "frames_rendered", integer(s->rendered), "frames_skipped",
-        integer(s->skipped));
+        integer(s->skipped), "measured_error",
+        s->fill.measured > 0.0 ? json_real(s->fill.measured) : json_null());
 }
 
 kl_status kl_report_write(const struct kl_report *report, const struct kl_job *job,
@@ -222,6 +247,9 @@ kl_status kl_report_write(const struct kl_report *report, const struct kl_job *j
     if (st == KL_OK) st = kl_json_put(root, "scene", describe_scene(job, &info), err);
     if (st == KL_OK) st = kl_json_put(root, "settings", describe_settings(job), err);
     if (st == KL_OK) st = kl_json_put(root, "frames", json_incref(report->frames), err);
+    if (st == KL_OK && report->verify != NULL) {
+        st = kl_json_put(root, "verify", json_incref(report->verify), err);
+    }
     if (st == KL_OK) st = kl_json_put(root, "total", describe_total(report, job, word), err);
     if (st == KL_OK) st = kl_json_write(root, path, err);
     json_decref(root);

@@ -19,6 +19,8 @@ struct kl_report_frame {
     uint64_t bad_samples;
     double uncovered;      /* share of pixels, of the fill that covers this frame */
     double error_estimate; /* < 0: no records served */
+    bool verified;
+    struct kl_verify_stats verify; /* if verified */
 };
 
 /* *out is the caller's: kl_report_destroy, which accepts NULL. */
@@ -26,6 +28,9 @@ kl_status kl_report_create(struct kl_report **out, struct kl_err *err) KL_MUST_C
 void kl_report_destroy(struct kl_report *report);
 kl_status kl_report_add_frame(struct kl_report *report, const struct kl_report_frame *frame,
                               struct kl_err *err) KL_MUST_CHECK;
+/* All frames' errors together. */
+kl_status kl_report_set_verify(struct kl_report *report, const struct kl_verify_stats *stats,
+                               struct kl_err *err) KL_MUST_CHECK;
 /* The finished report. `outcome`: how the run ended. */
 kl_status kl_report_write(const struct kl_report *report, const struct kl_job *job,
                           kl_status outcome, const char *path, struct kl_err *err) KL_MUST_CHECK;

@@ -16,7 +16,7 @@ struct level {
     kl_record_cold *cold;
     size_t hot_capacity, cold_capacity;
     struct kl_octree octree;
-    struct kl_falloff *falloff; /* of raw radii */
+    struct kl_falloff *falloff; /* of the radii that records wish for, over their slope */
 };
 
 struct kl_cache {
@@ -55,15 +55,24 @@ void kl_cache_destroy(struct kl_cache *cache)
     free(cache);
 }
 
-static kl_status make_falloff(struct level *l, struct kl_err *err)
+static struct kl_radius_settings radius_settings(const struct kl_cache *c, uint32_t number)
 {
+    return (struct kl_radius_settings){c->settings.rule, c->settings.accuracy[number],
+                                       c->settings.scene_radius};
+}
+
+static kl_status make_falloff(const struct kl_cache *c, uint32_t number, struct level *l,
+                              struct kl_err *err)
+{
+    const struct kl_radius_settings settings = radius_settings(c, number);
+    const float slope = kl_record_slope(&settings);
     struct kl_falloff_point *points = NULL;
     const uint32_t n = l->part.record_count;
     kl_status st = kl_alloc_array(&points, n, sizeof *points, err);
     if (st != KL_OK) return st;
     for (uint32_t i = 0; i < n; ++i) {
         memcpy(points[i].pos, l->part.hot[i].pos, sizeof points[i].pos);
-        points[i].value = l->part.cold[i].raw_radius;
+        points[i].value = kl_record_wish(&l->part.hot[i], &l->part.cold[i], &settings) / slope;
     }
     kl_falloff_destroy(l->falloff);
     l->falloff = NULL;
@@ -88,19 +97,20 @@ static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err 
 {
     struct level *l = &c->levels[number];
     const uint32_t n = l->part.record_count;
-    const float accuracy = c->settings.accuracy[number];
-    kl_status st = make_falloff(l, err);
+    const struct kl_radius_settings settings = radius_settings(c, number);
+    const float slope = kl_record_slope(&settings);
+    kl_status st = make_falloff(c, number, l, err);
     if (st != KL_OK) return st;
 #pragma omp parallel for schedule(static, 256)
     for (uint32_t i = 0; i < n; ++i) {
-        const float raw = kl_falloff_at(l->falloff, l->hot[i].pos, l->cold[i].raw_radius);
-        l->hot[i].radius = kl_record_radius(&l->cold[i], raw, accuracy, c->settings.scene_radius);
-        l->hot[i].radius2 = l->hot[i].radius;
+        const float wish = kl_record_wish(&l->hot[i], &l->cold[i], &settings);
+        const float clamped = slope * kl_falloff_at(l->falloff, l->hot[i].pos, wish / slope);
+        kl_record_set_radii(&l->hot[i], &l->cold[i], clamped, &settings);
     }
     kl_octree_fini(&l->octree);
     const struct kl_octree_limits limits = {c->settings.reach[number], c->settings.cos_max};
     st = kl_octree_build(&c->root, l->hot, n, &limits, &l->octree, err);
-    l->octree.head.accuracy = accuracy;
+    l->octree.head.accuracy = settings.accuracy;
     serve_owned(l, n);
     return st;
 }
@@ -328,7 +338,7 @@ uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level)
 kl_status kl_cache_prepare(struct kl_cache *cache, uint32_t level, struct kl_err *err)
 {
     struct level *l = &cache->levels[level];
-    return l->falloff != NULL ? KL_OK : make_falloff(l, err);
+    return l->falloff != NULL ? KL_OK : make_falloff(cache, level, l, err);
 }
 
 float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, const float pos[3],
@@ -336,7 +346,23 @@ float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, cons
 {
     const struct level *l = &cache->levels[level];
     if (l->falloff == NULL) return otherwise;
-    const float accuracy = cache->settings.accuracy[level];
-    const float raw = kl_falloff_at(l->falloff, pos, otherwise / accuracy);
-    return raw * accuracy;
+    const struct kl_radius_settings settings = radius_settings(cache, level);
+    const float slope = kl_record_slope(&settings);
+    return slope * kl_falloff_at(l->falloff, pos, otherwise / slope);
+}
+
+float kl_cache_get_accuracy(const struct kl_cache *cache, uint32_t level)
+{
+    return cache->settings.accuracy[level];
+}
+
+kl_status kl_cache_set_accuracy(struct kl_cache *cache, uint32_t level, float accuracy,
+                                struct kl_err *err)
+{
+    struct level *l = &cache->levels[level];
+    if (cache->settings.accuracy[level] == accuracy) return KL_OK;
+    cache->settings.accuracy[level] = accuracy;
+    if (l->part.record_count == 0) return KL_OK;
+    kl_status st = own_level(l, 0, err);
+    return st == KL_OK ? index_level(cache, level, err) : st;
 }

@@ -6,6 +6,7 @@
 
 #include "kernels/cache_query.h"
 #include "src/base/status.h"
+#include "src/cache/record.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -15,7 +16,8 @@ struct kl_cache;
 struct kl_cache_settings {
     float center[3]; /* bounding sphere of the scene, render space [m] */
     float scene_radius;
-    float accuracy[KL_CACHE_LEVELS]; /* radius over neighbour-clamped raw radius */
+    enum kl_radius_rule rule;
+    float accuracy[KL_CACHE_LEVELS]; /* radius over raw radius */
     float reach[KL_CACHE_LEVELS];    /* largest factor that queries enlarge radii by */
     float cos_max;                   /* cosine of the largest angle between normals */
 };
@@ -45,6 +47,11 @@ kl_status kl_cache_finish(struct kl_cache *cache, struct kl_err *err) KL_MUST_CH
 kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level);
 struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_t level);
 uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level);
+
+float kl_cache_get_accuracy(const struct kl_cache *cache, uint32_t level);
+/* Another accuracy: all radii of the level are made anew, no irradiance changes. */
+kl_status kl_cache_set_accuracy(struct kl_cache *cache, uint32_t level, float accuracy,
+                                struct kl_err *err) KL_MUST_CHECK;
 
 /* Make ready for kl_cache_predict_radius after adopting: costs a look at every record. */
 kl_status kl_cache_prepare(struct kl_cache *cache, uint32_t level,

@@ -6,6 +6,7 @@
 #include "kernels/derivatives.h"
 #include "src/base/status.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 /* Tables that all gathers with side x side rays share. */
@@ -29,15 +30,39 @@ static inline const kl_direction *kl_gather_directions(const struct kl_gather_ta
     return tables->directions + (size_t)(seed & (tables->sets - 1)) * tables->side * tables->side;
 }
 
+/* How many rays a record gets: every step has four times the rays of the one before and keeps
+ * theirs, because the directions are prefixes of one sequence. */
+enum { KL_GATHER_STEPS = 5 };
+struct kl_gather_ladder {
+    const struct kl_gather_tables *steps[KL_GATHER_STEPS]; /* borrowed */
+    uint32_t count;
+    float tolerance; /* relative standard error that is good enough; with one step not read */
+    float floor;     /* luminance [W m^-2] below which the error is measured against this instead */
+};
+
 struct kl_gather_job {
     const kl_scene_view *scene;
     const kl_level_view *level1; /* frozen records that rays may end in */
-    const struct kl_gather_tables *tables;
-    kl_gather_settings settings; /* side and sets as in tables */
+    struct kl_gather_ladder ladder;
+    kl_gather_settings settings; /* side and sets are set for each step */
     const kl_gather_point *points;
     size_t count;
     kl_gather_result *results; /* count of them, written */
 };
+
+/* The job's settings for one step. */
+static inline kl_gather_settings kl_gather_step(const struct kl_gather_job *job, uint32_t step)
+{
+    kl_gather_settings s = job->settings;
+    s.side = job->ladder.steps[step]->side;
+    s.sets = job->ladder.steps[step]->sets;
+    s.side_before = step > 0 ? job->ladder.steps[step - 1]->side : 0;
+    return s;
+}
+
+/* Is a record that was gathered on `step` good enough? */
+bool kl_gather_is_done(const struct kl_gather_ladder *ladder, uint32_t step,
+                       const kl_gather_result *result);
 
 /* Run on the host with Embree, all OpenMP threads. Results do not depend on their number. */
 kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err) KL_MUST_CHECK;

@@ -19,11 +19,25 @@ struct kl_gather_device {
     struct kl_device_program *program;
 };
 
-/* What one job needs on the device besides the scene. */
-struct batch {
+/* What the steps of one job share on the device. */
+struct job {
+    struct kl_gather_device *gather;
+    const struct kl_gather_job *in;
     struct kl_device_level *level1;
-    struct kl_device_buffer *directions, *corners, *turn, *cells;
-    struct kl_device_buffer *points, *results; /* of one launch */
+    struct step_tables {
+        struct kl_device_buffer *directions, *corners, *turn;
+    } tables[KL_GATHER_STEPS];
+};
+
+/* One launch: some of the job's records on one step. */
+struct launch {
+    uint32_t step, count;
+    const uint32_t *numbers; /* of the records in the job */
+    const uint32_t *from;    /* their numbers in the launch of the step before */
+    kl_gather_point *points; /* count of them, as are the results */
+    kl_gather_result *results;
+    struct kl_device_buffer *cells;  /* written */
+    struct kl_device_buffer *before; /* cells of the step before; on the first step its own */
 };
 
 kl_status kl_gather_device_create(const char *selector, struct kl_flat *flat,
@@ -76,108 +90,190 @@ static kl_status input(struct kl_gather_device *g, const void *data, size_t byte
                                    err);
 }
 
-static void batch_fini(struct batch *b)
+static void job_fini(struct job *j)
 {
-    kl_device_level_destroy(b->level1);
-    kl_device_buffer_destroy(b->directions);
-    kl_device_buffer_destroy(b->corners);
-    kl_device_buffer_destroy(b->turn);
-    kl_device_buffer_destroy(b->cells);
+    kl_device_level_destroy(j->level1);
+    for (uint32_t i = 0; i < KL_GATHER_STEPS; ++i) {
+        kl_device_buffer_destroy(j->tables[i].directions);
+        kl_device_buffer_destroy(j->tables[i].corners);
+        kl_device_buffer_destroy(j->tables[i].turn);
+    }
 }
 
-/* On failure the caller still calls batch_fini. */
-static kl_status batch_init(struct kl_gather_device *g, const struct kl_gather_job *job,
-                            size_t launch, struct batch *b, struct kl_err *err)
+/* Tables of a step, uploaded when the first record needs it. */
+static kl_status prepare_step(struct job *j, uint32_t step, struct kl_err *err)
 {
-    const struct kl_gather_tables *t = job->tables;
+    const struct kl_gather_tables *t = j->in->ladder.steps[step];
+    struct step_tables *out = &j->tables[step];
     const size_t side = t->side;
     const size_t rays = side * side;
-    kl_status st = kl_device_level_create(g->device, job->level1, &b->level1, err);
-
+    if (out->turn != NULL) return KL_OK;
+    kl_status st = input(j->gather, t->directions, t->sets * rays * sizeof *t->directions,
+                         &out->directions, err);
     if (st == KL_OK) {
-        st = input(g, t->directions, t->sets * rays * sizeof *t->directions, &b->directions, err);
+        st = input(j->gather, t->corners, 2 * (side + 1) * (side + 1) * sizeof(float),
+                   &out->corners, err);
     }
-    if (st == KL_OK) {
-        st = input(g, t->corners, 2 * (side + 1) * (side + 1) * sizeof(float), &b->corners, err);
-    }
-    if (st == KL_OK) st = input(g, t->turn, 2 * rays * sizeof(float), &b->turn, err);
-    if (st == KL_OK) {
-        st = kl_device_buffer_create(g->device, KL_DEVICE_SCRATCH, NULL,
-                                     launch * rays * sizeof(kl_gather_cell), &b->cells, err);
-    }
+    if (st == KL_OK) st = input(j->gather, t->turn, 2 * rays * sizeof(float), &out->turn, err);
     return st;
 }
 
-static kl_status run_rays(struct kl_gather_device *g, const struct kl_gather_job *job,
-                          const struct batch *b, uint32_t count, struct kl_err *err)
+static kl_status run_rays(struct job *j, const struct launch *l, struct kl_device_buffer *points,
+                          struct kl_device_buffer *from, struct kl_err *err)
 {
-    enum { FIRST = KL_SCENE_ARG_COUNT + KL_LEVEL_ARG_COUNT, COUNT = FIRST + 5 };
-    const size_t rays = (size_t)job->tables->side * job->tables->side;
+    enum { FIRST = KL_SCENE_ARG_COUNT + KL_LEVEL_ARG_COUNT, COUNT = FIRST + 7 };
+    const kl_gather_settings settings = kl_gather_step(j->in, l->step);
+    const size_t rays = (size_t)settings.side * settings.side;
     struct kl_device_arg args[COUNT];
 
-    kl_device_scene_get_args(g->scene, args);
-    kl_device_level_get_args(b->level1, args + KL_SCENE_ARG_COUNT);
-    args[FIRST] = (struct kl_device_arg){.value = &job->settings, .size = sizeof job->settings};
-    args[FIRST + 1] = (struct kl_device_arg){.buffer = b->points};
-    args[FIRST + 2] = (struct kl_device_arg){.buffer = b->directions};
-    args[FIRST + 3] = (struct kl_device_arg){.buffer = b->cells};
-    args[FIRST + 4] = (struct kl_device_arg){.value = &count, .size = sizeof count};
-    return kl_device_run(g->program, "kl_gather_rays", args, COUNT, count * rays, RAY_GROUP, err);
+    kl_device_scene_get_args(j->gather->scene, args);
+    kl_device_level_get_args(j->level1, args + KL_SCENE_ARG_COUNT);
+    args[FIRST] = (struct kl_device_arg){.value = &settings, .size = sizeof settings};
+    args[FIRST + 1] = (struct kl_device_arg){.buffer = points};
+    args[FIRST + 2] = (struct kl_device_arg){.buffer = j->tables[l->step].directions};
+    args[FIRST + 3] = (struct kl_device_arg){.buffer = l->cells};
+    args[FIRST + 4] = (struct kl_device_arg){.buffer = l->before};
+    args[FIRST + 5] = (struct kl_device_arg){.buffer = from};
+    args[FIRST + 6] = (struct kl_device_arg){.value = &l->count, .size = sizeof l->count};
+    return kl_device_run(j->gather->program, "kl_gather_rays", args, COUNT, l->count * rays,
+                         RAY_GROUP, err);
 }
 
-static kl_status run_reduce(struct kl_gather_device *g, const struct kl_gather_job *job,
-                            const struct batch *b, uint32_t count, struct kl_err *err)
+static kl_status run_reduce(struct job *j, const struct launch *l, struct kl_device_buffer *points,
+                            struct kl_device_buffer *smooth, struct kl_device_buffer *results,
+                            struct kl_err *err)
 {
+    const kl_gather_settings settings = kl_gather_step(j->in, l->step);
+    const struct step_tables *t = &j->tables[l->step];
     const struct kl_device_arg args[] = {
-        {.value = &job->settings, .size = sizeof job->settings},
-        {.buffer = b->points},
-        {.buffer = b->directions},
-        {.buffer = b->corners},
-        {.buffer = b->turn},
-        {.buffer = b->cells},
-        {.buffer = b->results},
-        {.value = &count, .size = sizeof count},
+        {.value = &settings, .size = sizeof settings},
+        {.buffer = points},
+        {.buffer = t->directions},
+        {.buffer = t->corners},
+        {.buffer = t->turn},
+        {.buffer = l->cells},
+        {.buffer = smooth},
+        {.buffer = results},
+        {.value = &l->count, .size = sizeof l->count},
     };
-    return kl_device_run(g->program, "kl_gather_reduce", args, sizeof args / sizeof args[0], count,
-                         REDUCE_GROUP, err);
+    return kl_device_run(j->gather->program, "kl_gather_reduce", args, sizeof args / sizeof args[0],
+                         l->count, REDUCE_GROUP, err);
 }
 
-/* Points first .. first + count of the job. */
-static kl_status launch_points(struct kl_gather_device *g, const struct kl_gather_job *job,
-                               struct batch *b, size_t first, size_t count, struct kl_err *err)
+static size_t cell_bytes(const struct job *j, const struct launch *l)
 {
-    kl_status st = input(g, job->points + first, count * sizeof *job->points, &b->points, err);
+    const size_t side = j->in->ladder.steps[l->step]->side;
+    return l->count * side * side * sizeof(kl_gather_cell);
+}
 
+/* Trace and reduce the records of a launch; results come back to the host, cells stay. */
+static kl_status run_launch(struct job *j, struct launch *l, struct kl_err *err)
+{
+    struct kl_device *device = j->gather->device;
+    struct kl_device_buffer *points = NULL;
+    struct kl_device_buffer *from = NULL;
+    struct kl_device_buffer *smooth = NULL;
+    struct kl_device_buffer *results = NULL;
+    kl_status st = prepare_step(j, l->step, err);
     if (st == KL_OK) {
-        st = kl_device_buffer_create(g->device, KL_DEVICE_OUTPUT, job->results + first,
-                                     count * sizeof *job->results, &b->results, err);
+        st = kl_device_buffer_create(device, KL_DEVICE_SCRATCH, NULL, cell_bytes(j, l), &l->cells,
+                                     err);
     }
-    if (st == KL_OK) st = run_rays(g, job, b, (uint32_t)count, err);
-    if (st == KL_OK) st = run_reduce(g, job, b, (uint32_t)count, err);
-    if (st == KL_OK) st = kl_device_buffer_read(b->results, err);
-    kl_device_buffer_destroy(b->points);
-    kl_device_buffer_destroy(b->results);
-    b->points = NULL;
-    b->results = NULL;
+    if (st == KL_OK && l->before == NULL) l->before = l->cells;
+    if (st == KL_OK) {
+        st = kl_device_buffer_create(device, KL_DEVICE_SCRATCH, NULL, cell_bytes(j, l), &smooth,
+                                     err);
+    }
+    if (st == KL_OK) st = input(j->gather, l->points, l->count * sizeof *l->points, &points, err);
+    if (st == KL_OK) st = input(j->gather, l->from, l->count * sizeof *l->from, &from, err);
+    if (st == KL_OK) {
+        st = kl_device_buffer_create(device, KL_DEVICE_OUTPUT, l->results,
+                                     l->count * sizeof *l->results, &results, err);
+    }
+    if (st == KL_OK) st = run_rays(j, l, points, from, err);
+    if (st == KL_OK) st = run_reduce(j, l, points, smooth, results, err);
+    if (st == KL_OK) st = kl_device_buffer_read(results, err);
+    kl_device_buffer_destroy(points);
+    kl_device_buffer_destroy(from);
+    kl_device_buffer_destroy(smooth);
+    kl_device_buffer_destroy(results);
+    return st;
+}
+
+static kl_status gather_step(struct job *j, uint32_t step, const uint32_t *numbers,
+                             const uint32_t *from, size_t count, struct kl_device_buffer *before,
+                             struct kl_err *err);
+
+/* Records of a launch that want more rays get them. */
+static kl_status climb(struct job *j, const struct launch *l, struct kl_err *err)
+{
+    uint32_t *numbers = NULL;
+    uint32_t *from = NULL;
+    size_t left = 0;
+    kl_status st = kl_alloc_array(&numbers, l->count, sizeof *numbers, err);
+    if (st == KL_OK) st = kl_alloc_array(&from, l->count, sizeof *from, err);
+    for (uint32_t i = 0; st == KL_OK && i < l->count; ++i) {
+        j->in->results[l->numbers[i]] = l->results[i];
+        if (kl_gather_is_done(&j->in->ladder, l->step, &l->results[i])) continue;
+        numbers[left] = l->numbers[i];
+        from[left++] = i;
+    }
+    if (st == KL_OK && left > 0) {
+        st = gather_step(j, l->step + 1, numbers, from, left, l->cells, err);
+    }
+    free(numbers);
+    free(from);
+    return st;
+}
+
+/* `count` records on one step and, where they need it, on the steps above, in launches of bounded
+ * memory. The depth of the recursion is that of the ladder. */
+static kl_status gather_step(struct job *j, uint32_t step, const uint32_t *numbers,
+                             const uint32_t *from, size_t count, struct kl_device_buffer *before,
+                             struct kl_err *err)
+{
+    const size_t side = j->in->ladder.steps[step]->side;
+    const size_t room = MAX_CELL_BYTES / (side * side * sizeof(kl_gather_cell));
+    const size_t most = room < 1 ? 1 : (room < count ? room : count);
+    kl_gather_point *points = NULL;
+    kl_gather_result *results = NULL;
+    kl_status st = kl_alloc_array(&points, most, sizeof *points, err);
+    if (st == KL_OK) st = kl_alloc_array(&results, most, sizeof *results, err);
+    for (size_t first = 0; st == KL_OK && first < count; first += most) {
+        const size_t n = count - first < most ? count - first : most;
+        struct launch l = {.step = step,
+                           .count = (uint32_t)n,
+                           .numbers = numbers + first,
+                           .from = from + first,
+                           .points = points,
+                           .results = results,
+                           .before = before};
+        for (size_t i = 0; i < n; ++i) {
+            points[i] = j->in->points[l.numbers[i]];
+        }
+        st = run_launch(j, &l, err);
+        if (st == KL_OK) st = climb(j, &l, err);
+        kl_device_buffer_destroy(l.cells);
+    }
+    free(points);
+    free(results);
     return st;
 }
 
 kl_status kl_gather_device_run(void *context, const struct kl_gather_job *job, struct kl_err *err)
 {
-    struct kl_gather_device *g = context;
-    const size_t rays = (size_t)job->tables->side * job->tables->side;
-    const size_t room = MAX_CELL_BYTES / (rays * sizeof(kl_gather_cell));
-    const size_t most = room < 1 ? 1 : room;
-    const size_t launch = job->count < most ? job->count : most;
-    struct batch b = {0};
+    struct job j = {.gather = context, .in = job};
+    uint32_t *numbers = NULL;
 
     if (job->count == 0) return KL_OK;
-    kl_status st = batch_init(g, job, launch, &b, err);
-    for (size_t first = 0; st == KL_OK && first < job->count; first += launch) {
-        const size_t left = job->count - first;
-        st = launch_points(g, job, &b, first, left < launch ? left : launch, err);
+    kl_status st = kl_alloc_array(&numbers, job->count, sizeof *numbers, err);
+    if (st == KL_OK) st = kl_device_level_create(j.gather->device, job->level1, &j.level1, err);
+    for (size_t i = 0; st == KL_OK && i < job->count; ++i) {
+        numbers[i] = (uint32_t)i;
     }
-    batch_fini(&b);
+    if (st == KL_OK) st = gather_step(&j, 0, numbers, numbers, job->count, NULL, err);
+    job_fini(&j);
+    free(numbers);
     if (st != KL_OK) return kl_wrap(err, "gathering %zu records", job->count);
     return KL_OK;
 }

@@ -5,34 +5,62 @@
 #include <omp.h>
 #include <stdlib.h>
 
-static void gather_one(const struct kl_gather_job *job, const kl_grid_view *grid, size_t i,
-                       kl_gather_cell *cells)
+bool kl_gather_is_done(const struct kl_gather_ladder *ladder, uint32_t step,
+                       const kl_gather_result *result)
 {
-    const uint32_t side = job->tables->side;
+    if (step + 1 >= ladder->count) return true;
+    const float y = kl_luminance(kl_v3(result->irr[0], result->irr[1], result->irr[2]));
+    return result->error * y <= ladder->tolerance * kl_fmax(y, ladder->floor);
+}
+
+/* Cells of one thread: of this step, of the one before, and smoothed ones. */
+struct scratch {
+    kl_gather_cell *now, *before, *smooth;
+};
+
+static void gather_step(const struct kl_gather_job *job, uint32_t step, size_t i,
+                        const struct scratch *scratch)
+{
+    const struct kl_gather_tables *tables = job->ladder.steps[step];
+    const kl_gather_settings settings = kl_gather_step(job, step);
+    const kl_grid_view grid = kl_gather_tables_grid(tables);
     const kl_gather_point *point = &job->points[i];
-    const kl_direction *directions = kl_gather_directions(job->tables, point->seed);
-    for (uint32_t order = 0; order < side * side; ++order) {
-        const uint32_t cell = kl_cell_in_order(order, side);
-        cells[cell] =
-            kl_gather_direction(job->scene, job->level1, &job->settings, point, &directions[cell]);
+    const kl_direction *directions = kl_gather_directions(tables, point->seed);
+    for (uint32_t order = 0; order < settings.side * settings.side; ++order) {
+        const uint32_t cell = kl_cell_in_order(order, settings.side);
+        scratch->now[cell] = kl_gather_one_cell(job->scene, job->level1, &settings, point,
+                                                directions, cell, scratch->before);
     }
-    kl_reduce_record(cells, directions, grid, point, &job->results[i]);
-    kl_reduce_touched(cells, side * side, job->settings.touch, &job->results[i]);
+    kl_reduce_record(scratch->now, directions, &grid, point, scratch->smooth, &job->results[i]);
+    kl_reduce_touched(scratch->now, settings.side * settings.side, settings.touch,
+                      &job->results[i]);
+}
+
+static void gather_record(const struct kl_gather_job *job, size_t i, struct scratch scratch)
+{
+    for (uint32_t step = 0; step < job->ladder.count; ++step) {
+        gather_step(job, step, i, &scratch);
+        if (kl_gather_is_done(&job->ladder, step, &job->results[i])) break;
+        kl_gather_cell *free_again = scratch.before;
+        scratch.before = scratch.now;
+        scratch.now = free_again;
+    }
 }
 
 kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err)
 {
-    const size_t cells = (size_t)job->tables->side * job->tables->side;
-    const kl_grid_view grid = kl_gather_tables_grid(job->tables);
-    kl_gather_cell *scratch = NULL;
+    const size_t side = job->ladder.steps[job->ladder.count - 1]->side;
+    const size_t cells = side * side;
+    kl_gather_cell *all = NULL;
     kl_status st =
-        kl_alloc_array(&scratch, cells * (size_t)omp_get_max_threads(), sizeof *scratch, err);
+        kl_alloc_array(&all, 3 * cells * (size_t)omp_get_max_threads(), sizeof *all, err);
 
     if (st != KL_OK) return st;
 #pragma omp parallel for schedule(dynamic, 4)
     for (size_t i = 0; i < job->count; ++i) {
-        gather_one(job, &grid, i, scratch + cells * (size_t)omp_get_thread_num());
+        kl_gather_cell *own = all + 3 * cells * (size_t)omp_get_thread_num();
+        gather_record(job, i, (struct scratch){own, own + cells, own + 2 * cells});
     }
-    free(scratch);
+    free(all);
     return KL_OK;
 }

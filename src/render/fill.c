@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+static const double black = 1e-3;      /* of the geometric mean of the irradiance */
+static const float right_here = 0.9f;  /* weight of a record that close */
 static const float alike = 0.98f;      /* cosine: candidates exclude each other */
 static const float exclusion = 0.5f;   /* of the predicted radius */
 static const float unknown_px = 12.0f; /* predicted radius where nothing is known yet */
@@ -17,11 +19,14 @@ enum { MAX_PASSES = 64, MAX_ROUNDS = 8, FIRST_BATCH = 512 };
 /* Rays of a batch at most: seconds, so that stopping and progress do not wait for minutes. */
 enum { BATCH_RAYS = 1 << 22 };
 
-/* Sum of weights at a point, without enlarged radii. */
-static float coverage(const struct kl_fill_job *job, const kl_level_view *view,
-                      const struct kl_point *p)
+/* Do the records serve a point well enough? Enough of them, without enlarged radii, and either one
+ * that is right here, or none so large that it need not know what is close to the point. */
+static bool is_covered(const struct kl_fill_job *job, uint32_t level, const kl_level_view *view,
+                       const struct kl_point *p)
 {
-    return kl_cache_query(view, &job->query, p->pos, p->smooth, p->smooth).weight;
+    const kl_answer a = kl_cache_query(view, &job->query, p->pos, p->smooth, p->smooth);
+    const float most = kl_cache_get_accuracy(job->cache, level) * KL_RAW_OVER_HARMONIC * p->near;
+    return a.weight >= job->least_weight && (a.best >= right_here || a.radius <= most);
 }
 
 /* Copy the points that are not served well enough to `out`, which may be `points`; their number. */
@@ -33,7 +38,7 @@ static size_t find_uncovered(const struct kl_fill_job *job, uint32_t level, stru
 
 #pragma omp parallel for schedule(dynamic, 256)
     for (size_t i = 0; i < count; ++i) {
-        points[i].covered = coverage(job, &view, &points[i]) >= job->least_weight;
+        points[i].covered = is_covered(job, level, &view, &points[i]);
     }
     for (size_t i = 0; i < count; ++i) {
         if (!points[i].covered) out[kept++] = points[i];
@@ -56,21 +61,6 @@ static float finest_pixel(const struct kl_fill_job *job, kl_vec3 pos, float othe
         finest = fminf(finest, kl_camera_pixel_size(c, depth));
     }
     return finest;
-}
-
-static kl_gather_point gather_point(const struct kl_candidate *c, uint32_t level)
-{
-    kl_gather_point p;
-    p.pos[0] = c->pos.x;
-    p.pos[1] = c->pos.y;
-    p.pos[2] = c->pos.z;
-    p.normal = kl_oct_encode(c->normal);
-    p.geometric = kl_oct_encode(c->geometric);
-    p.seed = kl_record_seed(p.pos, p.normal, level);
-    const float angle = kl_unit_float(kl_hash(p.seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
-    p.rot_cos = cosf(angle);
-    p.rot_sin = sinf(angle);
-    return p;
 }
 
 struct batch {
@@ -98,32 +88,61 @@ static kl_status batch_init(struct batch *b, size_t n, struct kl_err *err)
     return st;
 }
 
+/* Luminance of irradiance [W m^-2] that counts as black: far below the geometric mean of the
+ * records. */
+static float dark(const kl_level_view *level)
+{
+    double logs = 0.0;
+    uint32_t lit = 0;
+    for (uint32_t i = 0; i < level->head.record_count; ++i) {
+        const float y = kl_luminance(kl_v3_load(level->cold[i].irr));
+        if (!(y > 0.0f)) continue;
+        logs += log((double)y);
+        ++lit;
+    }
+    return lit > 0 ? (float)(black * exp(logs / lit)) : 0.0f;
+}
+
+kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *level1, uint32_t level,
+                         const kl_gather_point *points, size_t count, kl_gather_result *results,
+                         struct kl_fill_stats *stats, struct kl_err *err)
+{
+    struct kl_gather_job gather = {.scene = job->scene,
+                                   .level1 = level1,
+                                   .ladder = job->ladder[level],
+                                   .settings = job->gather,
+                                   .points = points,
+                                   .count = count,
+                                   .results = results};
+    gather.ladder.floor = dark(level1);
+    kl_status st = job->gather_batch(job->gather_context, &gather, err);
+    for (size_t i = 0; st == KL_OK && i < count; ++i) {
+        stats->gather_rays += (uint64_t)results[i].side * results[i].side;
+    }
+    return st;
+}
+
 /* Gather at the chosen candidates and insert the records. */
 static kl_status gather_and_insert(const struct kl_fill_job *job, uint32_t level,
                                    const struct kl_candidate *chosen, size_t n,
                                    struct kl_fill_stats *stats, struct kl_err *err)
 {
     const kl_level_view level1 = kl_cache_view(job->cache, 1);
-    const struct kl_gather_tables *tables = job->tables[level];
     struct batch b;
     kl_status st = batch_init(&b, n, err);
     double start = kl_seconds();
 
     if (st != KL_OK) goto cleanup;
     for (size_t i = 0; i < n; ++i) {
-        b.points[i] = gather_point(&chosen[i], level);
+        b.points[i] = kl_fill_gather_point(chosen[i].pos, kl_oct_encode(chosen[i].normal),
+                                           kl_oct_encode(chosen[i].geometric), level);
     }
-    struct kl_gather_job gather = {job->scene, &level1, tables,   job->gather,
-                                   b.points,   n,       b.results};
-    gather.settings.side = tables->side;
-    gather.settings.sets = tables->sets;
-    st = job->gather_batch(job->gather_context, &gather, err);
+    st = kl_fill_gather(job, &level1, level, b.points, n, b.results, stats, err);
     if (st != KL_OK) goto cleanup;
     stats->gather_seconds += kl_seconds() - start;
-    stats->gather_rays += (uint64_t)n * tables->side * tables->side;
     start = kl_seconds();
     for (size_t i = 0; i < n; ++i) {
-        kl_record_pack(&b.points[i], &b.results[i], level, chosen[i].spacing, job->scene_radius,
+        kl_record_pack(&b.points[i], &b.results[i], level, chosen[i].spacing, &job->radius,
                        &b.hot[i], &b.cold[i]);
     }
     const uint32_t before = kl_cache_count(job->cache, level);
@@ -173,7 +192,7 @@ struct stage { /* where a set of points stands in the whole, for progress */
 /* Records of the next batch at most. The first ones are few: later ones then end in them. */
 static size_t batch_limit(const struct kl_fill_job *job, uint32_t level)
 {
-    const size_t side = job->tables[level]->side;
+    const size_t side = job->ladder[level].steps[0]->side;
     const size_t by_rays = BATCH_RAYS / (side * side);
     const bool early = kl_cache_count(job->cache, level) < FIRST_BATCH;
     const size_t most = early && job->batch > FIRST_BATCH ? FIRST_BATCH : job->batch;

@@ -19,9 +19,10 @@ struct kl_fill_job {
     const kl_scene_view *scene;
     struct kl_cache *cache;
     float scene_radius;
-    const struct kl_camera *cameras; /* one per frame */
+    struct kl_radius_settings radius; /* accuracy is the cache's own */
+    const struct kl_camera *cameras;  /* one per frame */
     uint32_t camera_count;
-    const struct kl_gather_tables *tables[KL_CACHE_LEVELS];
+    struct kl_gather_ladder ladder[KL_CACHE_LEVELS];
     kl_gather_settings gather; /* side and sets are set per level */
     kl_query query;            /* for coverage: radii as they are */
     float least_weight;        /* records are placed where the weights sum to less */
@@ -42,6 +43,8 @@ struct kl_fill_stats {
     uint32_t added[KL_CACHE_LEVELS];
     uint32_t batches;
     double uncovered;   /* share of pixels at the end, worst frame */
+    double measured;    /* 95th percentile of the relative error of irradiance in the end; 0: not
+                         * measured, because nobody asked or nothing was added */
     uint32_t refreshed; /* records gathered again where they are, after an edit of the scene */
     double visibility_seconds, gather_seconds, insert_seconds;
 };

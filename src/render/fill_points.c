@@ -3,9 +3,10 @@
 #include "kernels/bsdf.h"
 #include "src/base/memory.h"
 
+#include <math.h>
 #include <stdlib.h>
 
-enum { WALKS = 16384, WALK_LENGTH = 4, MIRRORS = 8 };
+enum { WALKS = 16384, WALK_LENGTH = 4, MIRRORS = 8, LOOKS = 4, LOOK_EVERY = 4 };
 static const float mirror_alpha = 0.1f;        /* smoother lobes are followed as mirrors */
 static const float world_spacing = 1.0f / 384; /* of the scene radius: "pixel" of the world stage */
 
@@ -31,7 +32,7 @@ static struct kl_point point_of(const kl_scene_view *scene, const kl_hit *hit, c
                                 float pixel, uint32_t rank)
 {
     const kl_vec3 pos = move_inward(scene, hit, s->pos, pixel);
-    return (struct kl_point){pos, s->smooth, s->geometric, pixel, rank, false};
+    return (struct kl_point){pos, s->smooth, s->geometric, pixel, KL_INF, rank, false};
 }
 
 /* First surface with a base along a ray, through mirrors. *length grows by the way there. */
@@ -50,6 +51,23 @@ static bool find_diffuse(const kl_scene_view *scene, kl_ray ray, uint32_t seed, 
         ray = kl_ray_make(kl_leave_surface(scene, s->pos, s->geometric), dir, KL_INF);
     }
     return false;
+}
+
+/* Harmonic mean distance of what is around a point: something that hangs close over it, which
+ * records further away may not have noticed. */
+static float look_around(const kl_scene_view *scene, const struct kl_point *p)
+{
+    const kl_frame f = kl_frame_from_normal(p->smooth);
+    kl_sampler sampler = kl_sampler_make(p->rank, 0x51ed270bu);
+    float inverse = 0.0f;
+    for (uint32_t k = 0; k < LOOKS; ++k) {
+        const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(&sampler)));
+        const kl_ray ray = kl_ray_make(kl_leave_surface(scene, p->pos, p->geometric), dir, KL_INF);
+        kl_hit hit;
+        if (!(kl_dot(dir, p->geometric) > 0.0f)) continue;
+        if (kl_intersect(scene, &ray, p->rank + k, &hit)) inverse += 1.0f / kl_fmax(hit.t, 1e-30f);
+    }
+    return inverse > 0.0f ? (float)LOOKS / inverse : KL_INF;
 }
 
 kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
@@ -73,6 +91,8 @@ kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
         if (!p[i].covered) {
             p[i] = point_of(job->scene, &hit, &s, kl_camera_pixel_size(c, length),
                             kl_hash2((uint32_t)i, camera + 0x7f4a7c15u));
+            const bool looks = i % c->width % LOOK_EVERY == 0 && i / c->width % LOOK_EVERY == 0;
+            if (looks) p[i].near = look_around(job->scene, &p[i]);
         }
     }
     for (size_t i = 0; i < pixels; ++i) {
@@ -139,4 +159,19 @@ kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **
     *points = p;
     *count = kept;
     return KL_OK;
+}
+
+kl_gather_point kl_fill_gather_point(kl_vec3 pos, kl_u32 normal, kl_u32 geometric, uint32_t level)
+{
+    kl_gather_point p;
+    p.pos[0] = pos.x;
+    p.pos[1] = pos.y;
+    p.pos[2] = pos.z;
+    p.normal = normal;
+    p.geometric = geometric;
+    p.seed = kl_record_seed(p.pos, p.normal, level);
+    const float angle = kl_unit_float(kl_hash(p.seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
+    p.rot_cos = cosf(angle);
+    p.rot_sin = sinf(angle);
+    return p;
 }

@@ -7,6 +7,7 @@
 struct kl_point {
     kl_vec3 pos, smooth, geometric; /* render space */
     float pixel;                    /* [m] size of a pixel there */
+    float near;                     /* [m] harmonic mean distance of a few rays; KL_INF: unknown */
     uint32_t rank;                  /* random order */
     bool covered;
 };
@@ -20,5 +21,13 @@ kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
  * the same cameras, whatever the cache holds. */
 kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **points,
                                size_t *count, struct kl_err *err) KL_MUST_CHECK;
+
+/* Where, and with which seed, a record of `level` gathers. Normals are octahedral. */
+kl_gather_point kl_fill_gather_point(kl_vec3 pos, kl_u32 normal, kl_u32 geometric, uint32_t level);
+
+/* Gather records of `level` with rays that end in `level1`; counts the rays. */
+kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *level1, uint32_t level,
+                         const kl_gather_point *points, size_t count, kl_gather_result *results,
+                         struct kl_fill_stats *stats, struct kl_err *err) KL_MUST_CHECK;
 
 #endif

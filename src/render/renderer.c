@@ -30,7 +30,11 @@ static const float length_scale = 2.0f;
 static const float gather_weight = 0.3f;
 /* Records of coarser runs serve finer ones too: dependence is judged by this error at most. */
 static const double touch_error = 0.02;
-enum { BATCH = 4096, DEFAULT_RAYS = 1024 };
+enum { BATCH = 4096, DEFAULT_RAYS = 1024, FIRST_SIDE = 8, TABLES = 6, LADDER = 3 };
+enum { MEASURED_POINTS = 256, MEASURE_ROUNDS = 8, VERIFY_RAYS = 16384 };
+static const double measured_share =
+    0.85;                              /* of the error: a few hundred points say it within 15 % */
+static const float noise_share = 1.0f; /* standard error of a record over the error asked for */
 
 struct kl_renderer {
     const struct kl_scene *scene; /* borrowed */
@@ -44,7 +48,9 @@ struct kl_renderer {
     struct kl_motion *before; /* one frame earlier; NULL: as now */
     struct kl_tracer *tracer;
     struct kl_gatherer *gatherer;
-    struct kl_gather_tables *tables[KL_CACHE_LEVELS];
+    struct kl_gather_tables
+        *tables[TABLES]; /* side FIRST_SIDE, twice that, ...; made when needed */
+    struct kl_gather_ladder ladder[KL_CACHE_LEVELS];
     uint8_t scene_digest[KL_HASH_SIZE], settings_digest[KL_HASH_SIZE];
     bool must_keep;         /* of the fill under way */
     char lost[512];         /* why nothing more is kept on disk; "": it is */
@@ -55,12 +61,11 @@ struct kl_renderer {
     struct kl_revision_summary summary; /* of the revision, if revised */
 };
 
-/* Radius over raw radius for an error to aim at. The first-order extrapolation is off by about
- * (d / R)^2 / 4 of the irradiance at distance d: solve for the radius at which that is the error.
- */
-static float accuracy_for(double error)
+/* Radius over raw radius for an error to aim at. Both rules leave out the second-order term: the
+ * radius is where it reaches the error. */
+static float accuracy_for(enum kl_radius_rule rule, double error)
 {
-    return (float)fmin(1.0, sqrt(4.0 * error));
+    return (float)sqrt((rule == KL_RADIUS_HESSIAN ? 1.0 : 4.0) * error);
 }
 
 static uint32_t side_for(uint32_t rays)
@@ -72,9 +77,38 @@ static uint32_t side_for(uint32_t rays)
     return side;
 }
 
+static kl_status get_tables(struct kl_renderer *r, uint32_t side,
+                            const struct kl_gather_tables **out, struct kl_err *err)
+{
+    uint32_t i = 0;
+    while ((uint32_t)FIRST_SIDE << i < side) {
+        ++i;
+    }
+    kl_status st = KL_OK;
+    if (r->tables[i] == NULL) st = kl_gather_tables_create(side, &r->tables[i], err);
+    *out = r->tables[i];
+    return st;
+}
+
+/* Records that the camera sees climb until their noise is below the error; gather rays average over
+ * many of those they end in, which get a quarter of the rays. */
+static kl_status make_ladders(struct kl_renderer *r, struct kl_err *err)
+{
+    const uint32_t side = side_for(r->settings.rays);
+    struct kl_gather_ladder *eye = &r->ladder[0];
+    kl_status st = get_tables(r, side > FIRST_SIDE ? side / 2 : side, &r->ladder[1].steps[0], err);
+    r->ladder[1].count = 1;
+    eye->tolerance = noise_share * (float)r->settings.error;
+    for (uint32_t s = side; st == KL_OK && eye->count < LADDER && s <= 256; s *= 2) {
+        st = get_tables(r, s, &eye->steps[eye->count++], err);
+    }
+    return st;
+}
+
 static void digest_settings(struct kl_renderer *r)
 {
-    const uint32_t numbers[] = {algorithm_version, r->tables[0]->side, r->tables[1]->side};
+    const uint32_t numbers[] = {algorithm_version, r->ladder[0].steps[0]->side,
+                                (uint32_t)r->settings.radius};
     const float floats[] = {cos_max, length_scale, reach};
     struct kl_hash h;
     kl_hash_init(&h);
@@ -96,16 +130,10 @@ kl_status kl_renderer_create(const struct kl_scene *scene,
     r->settings = *settings;
     if (r->settings.error <= 0.0) r->settings.error = 0.02;
     if (r->settings.rays == 0) r->settings.rays = DEFAULT_RAYS;
-    const uint32_t side = side_for(r->settings.rays); /* gather rays see a quarter of that */
     r->moving = kl_scene_is_moving(scene, settings->animation);
-    r->accuracy[0] = accuracy_for(r->settings.error);
-    r->accuracy[1] = fminf(1.0f, 2.0f * r->accuracy[0]);
     st = kl_pose_create(scene, settings->animation, 0.0, &pose, err);
     if (st == KL_OK) st = kl_flat_choose_origin(scene, pose, r->origin, err);
-    if (st == KL_OK) {
-        st = kl_gather_tables_create(side, &r->tables[0], err);
-    }
-    if (st == KL_OK) st = kl_gather_tables_create(side / 2, &r->tables[1], err);
+    if (st == KL_OK) st = make_ladders(r, err);
     kl_pose_destroy(pose);
     if (st != KL_OK) {
         kl_renderer_destroy(r);
@@ -148,7 +176,7 @@ void kl_renderer_destroy(struct kl_renderer *renderer)
 {
     if (renderer == NULL) return;
     leave_instant(renderer);
-    for (int i = 0; i < KL_CACHE_LEVELS; ++i) {
+    for (int i = 0; i < TABLES; ++i) {
         kl_gather_tables_destroy(renderer->tables[i]);
     }
     free(renderer);
@@ -168,7 +196,7 @@ static float touch_share(const struct kl_renderer *r)
 /* What the scene is made of, and how records are gathered in it. */
 static kl_status make_parts(struct kl_renderer *r, const struct kl_pose *pose, struct kl_err *err)
 {
-    const uint32_t side = r->tables[0]->side;
+    const uint32_t side = r->ladder[0].steps[0]->side;
     char label[KL_PART_LABEL];
     kl_status st = kl_parts_init(r->scene, pose, r->flat, &r->parts, err);
 
@@ -320,6 +348,26 @@ static kl_status adopt_merged(struct kl_renderer *r, struct kl_err *err)
     return st == KL_OK ? kl_cache_finish(r->cache, err) : st;
 }
 
+/* Radii for the error that is asked for, or finer ones that the store was made with: what a
+ * measurement once found necessary stays. */
+static void choose_accuracy(struct kl_renderer *r)
+{
+    const size_t n = r->store != NULL ? kl_store_segment_count(r->store) : 0;
+    r->accuracy[0] = accuracy_for(r->settings.radius, r->settings.error);
+    r->accuracy[1] = 2.0f * r->accuracy[0];
+    for (size_t i = 0; i < n; ++i) {
+        struct kl_store_segment_info info;
+        struct kl_level_arrays levels[KL_CACHE_LEVELS];
+        kl_store_segment_get(r->store, i, &info, levels);
+        for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
+            const float made_with = levels[l].octree.accuracy;
+            if (levels[l].octree.record_count > 0 && made_with > 0.0f) {
+                r->accuracy[l] = fminf(r->accuracy[l], made_with);
+            }
+        }
+    }
+}
+
 /* Take over what a store holds: a lone base in place. */
 static kl_status adopt_store(struct kl_renderer *r, struct kl_err *err)
 {
@@ -365,8 +413,10 @@ static kl_status may_go_on(struct kl_renderer *r, kl_status st, const struct kl_
 
 static struct kl_cache_settings cache_settings(const struct kl_renderer *r)
 {
-    struct kl_cache_settings s = {
-        .scene_radius = r->flat->radius, .reach = {reach, 1.0f}, .cos_max = cos_max};
+    struct kl_cache_settings s = {.scene_radius = r->flat->radius,
+                                  .rule = r->settings.radius,
+                                  .reach = {reach, 1.0f},
+                                  .cos_max = cos_max};
     memcpy(s.center, r->flat->center, sizeof s.center);
     memcpy(s.accuracy, r->accuracy, sizeof s.accuracy);
     return s;
@@ -412,11 +462,10 @@ kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
                                  enum kl_store_mode mode, struct kl_err *err)
 {
     struct kl_renderer *r = renderer;
-    const struct kl_cache_settings settings = cache_settings(r);
-    kl_status st = KL_OK;
-
     close_cache(r);
-    st = kl_cache_create(&settings, &r->cache, err);
+    choose_accuracy(r);
+    const struct kl_cache_settings settings = cache_settings(r);
+    kl_status st = kl_cache_create(&settings, &r->cache, err);
     if (st != KL_OK || dir == NULL) return st;
     struct kl_store_key key;
     char path[4096];
@@ -428,6 +477,10 @@ kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
     if (st == KL_ERR_IO && mode != KL_STORE_READ) return may_go_on(r, st, err);
     if (st == KL_ERR_STALE) return open_revision(r, path, mode, &key, err);
     if (st == KL_OK) st = kl_store_parts_set(r->store, r->parts.items, r->parts.count, err);
+    choose_accuracy(r);
+    for (uint32_t l = 0; st == KL_OK && l < KL_CACHE_LEVELS; ++l) {
+        st = kl_cache_set_accuracy(r->cache, l, r->accuracy[l], err);
+    }
     return st == KL_OK ? adopt_store(r, err) : st;
 }
 
@@ -520,6 +573,68 @@ static kl_status revise(struct kl_renderer *r, const struct kl_fill_job *job,
     return KL_OK;
 }
 
+static struct kl_verify_job verify_job(const struct kl_renderer *r, const struct kl_camera *cameras,
+                                       uint32_t camera_count, const struct kl_gather_tables *tables)
+{
+    return (struct kl_verify_job){
+        .scene = &r->flat->view,
+        .cache = kl_cache_view(r->cache, 0),
+        .query = eye_query(),
+        .cameras = cameras,
+        .camera_count = camera_count,
+        .tables = tables,
+        .gather = {.query = gather_query(), .length_scale = length_scale},
+        .gather_batch = kl_gatherer_run,
+        .gather_context = r->gatherer,
+    };
+}
+
+/* How well the frozen cache serves `cameras`: a few hundred points, with rays enough for the error
+ * that was asked for. */
+static kl_status measure(struct kl_renderer *r, const struct kl_renderer_fill *fill,
+                         struct kl_fill_stats *stats, struct kl_err *err)
+{
+    const struct kl_gather_tables *tables = NULL;
+    struct kl_verify_stats found;
+    const kl_level_view level1 = kl_cache_view(r->cache, 1);
+    const double start = kl_seconds();
+    kl_status st = get_tables(r, side_for(r->settings.error < 0.02 ? 16384 : 4096), &tables, err);
+    if (st != KL_OK) return st;
+    struct kl_verify_job job = verify_job(r, fill->cameras, fill->camera_count, tables);
+    job.level1 = &level1;
+    job.share = 1.0;
+    job.at_most = MEASURED_POINTS;
+    st = kl_verify(&job, NULL, &found, err);
+    stats->gather_rays += (found.points + found.unserved) * tables->side * tables->side;
+    stats->gather_seconds += kl_seconds() - start;
+    stats->measured = kl_verify_error(&found);
+    return st;
+}
+
+static uint32_t added(const struct kl_fill_stats *stats)
+{
+    return stats->added[0] + stats->added[1];
+}
+
+/* Fill; then, as long as the measured error is above what was asked for, make radii smaller and
+ * fill the gaps. The error goes with the square of the radii. */
+static kl_status fill_until_met(struct kl_renderer *r, const struct kl_renderer_fill *fill,
+                                const struct kl_fill_job *job, struct kl_fill_stats *stats,
+                                struct kl_err *err)
+{
+    for (int round = 0;; ++round) {
+        const uint32_t before = added(stats);
+        kl_status st = kl_fill(job, stats, err);
+        if (st != KL_OK || !fill->measure || added(stats) == before) return st;
+        st = measure(r, fill, stats, err);
+        const double over = stats->measured / (measured_share * r->settings.error);
+        if (st != KL_OK || over <= 1.0 || round == MEASURE_ROUNDS) return st;
+        r->accuracy[0] *= (float)fmin(0.9, fmax(0.6, sqrt(0.9 / over)));
+        st = kl_cache_set_accuracy(r->cache, 0, r->accuracy[0], err);
+        if (st != KL_OK) return st;
+    }
+}
+
 static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill *fill,
                             struct kl_turn *turn, struct kl_fill_stats *stats, struct kl_err *err)
 {
@@ -527,9 +642,10 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
     struct kl_fill_job job = {
         .scene = reference_view(r),
         .scene_radius = r->flat->radius,
+        .radius = {r->settings.radius, 0.0f, r->flat->radius},
         .cameras = fill->cameras,
         .camera_count = fill->camera_count,
-        .tables = {r->tables[0], r->tables[1]},
+        .ladder = {r->ladder[0], r->ladder[1]},
         .gather = {.query = gather_query(), .length_scale = length_scale, .touch = touch_share(r)},
         .query = {1.0f, cos_max, KL_INF},
         .least_weight = least_weight,
@@ -545,10 +661,10 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
     };
     kl_status st = r->revision != NULL ? revise(r, &job, stats, err) : KL_OK;
     job.cache = r->cache;
-    if (st == KL_OK) st = kl_fill(&job, stats, err);
+    if (st == KL_OK) st = fill_until_met(r, fill, &job, stats, err);
     if (st != KL_OK) return st;
     const double start = kl_seconds();
-    const bool grown = stats->added[0] + stats->added[1] > 0;
+    const bool grown = added(stats) > 0;
     if (keep && r->lost[0] == '\0' && (grown || !is_compact(r->store))) st = publish(r, err);
     stats->insert_seconds += kl_seconds() - start;
     return st;
@@ -570,6 +686,18 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
     if (st == KL_OK) st = fill_cache(r, fill, &turn, stats, err);
     kl_turn_end(&turn);
     return st;
+}
+
+kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camera *camera,
+                             double share, struct kl_verify_errors *all,
+                             struct kl_verify_stats *stats, struct kl_err *err)
+{
+    const struct kl_gather_tables *tables = NULL;
+    kl_status st = get_tables(renderer, side_for(VERIFY_RAYS), &tables, err);
+    if (st != KL_OK) return st;
+    struct kl_verify_job job = verify_job(renderer, camera, 1, tables);
+    job.share = share;
+    return kl_verify(&job, all, stats, err);
 }
 
 kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_renderer_frame *frame,

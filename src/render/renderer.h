@@ -11,6 +11,7 @@
 #include "src/render/fill.h"
 #include "src/render/frame.h"
 #include "src/render/shade.h"
+#include "src/render/verify.h"
 #include "src/scene/scene.h"
 
 struct kl_renderer;
@@ -18,8 +19,9 @@ struct kl_renderer;
 /* Zero is the default of every field. */
 struct kl_renderer_settings {
     enum kl_indirect indirect;
-    const char *device; /* who gathers: "auto" (NULL), "embree", "opencl", "opencl:N" */
-    double error;       /* relative error of indirect irradiance to aim at; 0: 0.02 */
+    const char *device;         /* who gathers: "auto" (NULL), "embree", "opencl", "opencl:N" */
+    double error;               /* relative error of indirect irradiance to aim at; 0: 0.02 */
+    enum kl_radius_rule radius; /* what decides how far records serve */
     uint32_t rays;      /* gather rays of a record seen from the camera, a power of 4; 0: 1024 */
     uint32_t seed;      /* of the image samples */
     uint32_t animation; /* of the scene, KL_NONE: all of them */
@@ -96,11 +98,18 @@ struct kl_renderer_fill {
     uint32_t camera_count;
     bool keep;      /* write batches and the finished cache to the store */
     bool must_keep; /* fail where the disk refuses; else go on in memory (kl_cache_state.lost) */
+    bool measure;   /* extend until the measured error is what was asked for */
     bool (*progress)(void *context, int stage, double done, uint32_t records);
     void *progress_context;
 };
 kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_renderer_fill *fill,
                            struct kl_fill_stats *stats, struct kl_err *err) KL_MUST_CHECK;
+
+/* Compare the cache with gathers of many rays at `share` of the points that the camera sees:
+ * kl_verify. `all` may be NULL. */
+kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camera *camera,
+                             double share, struct kl_verify_errors *all,
+                             struct kl_verify_stats *stats, struct kl_err *err) KL_MUST_CHECK;
 
 struct kl_renderer_frame {
     struct kl_camera camera, before; /* before: one frame earlier, for motion vectors */

@@ -2,6 +2,7 @@
 #include "src/base/clock.h"
 #include "src/base/memory.h"
 #include "src/cache/record.h"
+#include "src/render/fill_points.h"
 #include "src/render/revision_impl.h"
 
 #include <math.h>
@@ -35,24 +36,12 @@ static bool find_geometric(const kl_scene_view *scene, const kl_record_hot *hot,
     return kl_dot(s.smooth, n) > KL_SAME_SIDE;
 }
 
-static kl_gather_point point_of(const kl_record_hot *hot, kl_u32 geometric, uint32_t level)
-{
-    kl_gather_point p = {.normal = hot->normal, .geometric = geometric};
-    memcpy(p.pos, hot->pos, sizeof p.pos);
-    p.seed = kl_record_seed(p.pos, p.normal, level);
-    const float angle = kl_unit_float(kl_hash(p.seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
-    p.rot_cos = cosf(angle);
-    p.rot_sin = sinf(angle);
-    return p;
-}
-
 /* Gather `count` records anew and put the values where the old ones are. */
 static kl_status gather_some(const struct again *a, const uint32_t *numbers, uint32_t count,
                              const struct kl_cache *ends, struct kl_err *err)
 {
     const struct kl_fill_job *job = a->job;
     struct kl_revision_level *level = &a->revision->levels[a->level];
-    const struct kl_gather_tables *tables = job->tables[a->level];
     const kl_level_view level1 = kl_cache_view(ends, 1);
     kl_gather_point *points = NULL;
     kl_gather_result *results = NULL;
@@ -68,23 +57,19 @@ static kl_status gather_some(const struct again *a, const uint32_t *numbers, uin
             level->fate[numbers[i]] = KL_FATE_DROP;
             continue;
         }
-        points[n] = point_of(&level->hot[numbers[i]], geometric, a->level);
+        points[n] = kl_fill_gather_point(kl_v3_load(level->hot[numbers[i]].pos),
+                                         level->hot[numbers[i]].normal, geometric, a->level);
         used[n++] = numbers[i];
     }
     if (st == KL_OK && n > 0) {
-        struct kl_gather_job gather = {job->scene, &level1, tables, job->gather,
-                                       points,     n,       results};
-        gather.settings.side = tables->side;
-        gather.settings.sets = tables->sets;
-        st = job->gather_batch(job->gather_context, &gather, err);
+        st = kl_fill_gather(job, &level1, a->level, points, n, results, a->stats, err);
     }
     for (uint32_t i = 0; st == KL_OK && i < n; ++i) {
         kl_record_hot *hot = &level->hot[used[i]];
         kl_record_cold *cold = &level->cold[used[i]];
         const float spacing = kl_half_to_float(cold->error_spacing >> 16) * cold->raw_radius;
-        kl_record_pack(&points[i], &results[i], a->level, spacing, job->scene_radius, hot, cold);
+        kl_record_pack(&points[i], &results[i], a->level, spacing, &job->radius, hot, cold);
     }
-    a->stats->gather_rays += (uint64_t)n * tables->side * tables->side;
     free(points);
     free(results);
     free(used);

@@ -233,15 +233,13 @@ static void equal_terms_sum_up(void **state)
     struct kl_gather_tables *tables = NULL;
     struct kl_err err = {0};
     kl_gather_cell *cells = calloc(CELLS * CELLS, sizeof *cells);
-    const kl_gather_point point = {.rot_cos = 1.0f};
     kl_gather_result out;
     (void)state;
     assert_non_null(cells);
     assert_int_equal(kl_gather_tables_create(CELLS, &tables, &err), KL_OK);
     for (int i = 0; i < CELLS * CELLS; ++i)
         cells[i] = (kl_gather_cell){.radiance = {0.1f, 0.1f, 0.1f}, .distance = 1.0f};
-    const kl_grid_view grid = kl_gather_tables_grid(tables);
-    kl_reduce_record(cells, kl_gather_directions(tables, 0), &grid, &point, &out);
+    kl_reduce_irradiance(cells, kl_gather_directions(tables, 0), CELLS, &out);
     hard_expect("E / (pi L)", (double)out.irr[1] / (HARD_PI * (double)0.1f), 1.0, 1e-5);
     kl_gather_tables_destroy(tables);
     free(cells);

@@ -113,11 +113,8 @@ struct kl_gather_job gallery_batch_job(const struct gallery_batch *batch, kl_gat
     return (struct kl_gather_job){
         .scene = &batch->flat->view,
         .level1 = &batch->level1,
-        .tables = batch->tables,
-        .settings = {.query = {1.0f, 0.9394f, 0.8f},
-                     .length_scale = 2.0f,
-                     .side = batch->tables->side,
-                     .sets = batch->tables->sets},
+        .ladder = {.steps = {batch->tables}, .count = 1},
+        .settings = {.query = {1.0f, 0.9394f, 0.8f}, .length_scale = 2.0f},
         .points = batch->points,
         .count = batch->count,
         .results = results,

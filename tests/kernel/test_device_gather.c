@@ -197,8 +197,8 @@ static void device_gathers_as_host(void **state)
     struct kl_gather_job job = {
         .scene = &s.flat->view,
         .level1 = &none,
-        .tables = tables,
-        .settings = {.query = {1.0f, 0.9f}, .length_scale = 1.0f, SIDE, tables->sets, 0.005f},
+        .ladder = {.steps = {tables}, .count = 1},
+        .settings = {.query = {1.0f, 0.9f}, .length_scale = 1.0f, .touch = 0.005f},
         .points = points,
         .count = POINTS,
         .results = host,

@@ -27,6 +27,8 @@ static const struct kl_cache_settings settings = {
     .cos_max = 0.9394f,
 };
 
+static const struct kl_radius_settings radius = {KL_RADIUS_HESSIAN, 0.4f, 2.0f};
+
 /* Records as the fill makes them: packed gathers on a bumpy floor. */
 static void fill(struct records *out, uint32_t level, uint64_t seed)
 {
@@ -40,12 +42,15 @@ static void fill(struct records *out, uint32_t level, uint64_t seed)
             .seed = (uint32_t)random_bits(&r)};
         kl_gather_result result = {.irr = {1.0f, 2.0f, 3.0f},
                                    .error = 0.01f,
+                                   .grad_t = {0.1f, 0.0f, 0.2f, -0.1f, 0.1f, 0.3f},
+                                   .hessian = {random_range(&r, -90.0f, 90.0f),
+                                               random_range(&r, -9.0f, 9.0f),
+                                               random_range(&r, -0.9f, 0.9f)},
                                    .harmonic = powf(10.0f, random_range(&r, -1.5f, 0.5f))};
         for (int k = 0; k < KL_SECTORS; ++k) {
             result.clearance[k] = random_range(&r, 0.0f, 1.0f);
         }
-        kl_record_pack(&point, &result, level, 0.01f, settings.scene_radius, &out->hot[i],
-                       &out->cold[i]);
+        kl_record_pack(&point, &result, level, 0.01f, &radius, &out->hot[i], &out->cold[i]);
     }
 }
 
@@ -251,19 +256,23 @@ static void radii_are_clamped_by_neighbours(void **state)
     const struct kl_level_arrays p = kl_cache_get_arrays(c, 0);
     uint32_t clamped = 0;
     for (uint32_t i = 0; i < N; i += 7) {
-        float raw = p.cold[i].raw_radius;
+        const float wish = kl_record_wish(&p.hot[i], &p.cold[i], &radius);
+        const float slope = kl_record_slope(&radius);
+        float least = wish;
         for (uint32_t k = 0; k < N; ++k) {
             const kl_vec3 d = kl_v3_sub(kl_v3_load(p.hot[i].pos), kl_v3_load(p.hot[k].pos));
-            raw = fminf(raw, p.cold[k].raw_radius + kl_length(d));
+            least = fminf(least, kl_record_wish(&p.hot[k], &p.cold[k], &radius) +
+                                     slope * kl_length(d));
         }
-        clamped += raw < p.cold[i].raw_radius;
-        const float want =
-            kl_record_radius(&p.cold[i], raw, settings.accuracy[0], settings.scene_radius);
-        assert_true(p.hot[i].radius == want && p.hot[i].radius2 == want);
+        clamped += least < wish;
+        kl_record_hot want = p.hot[i];
+        kl_record_set_radii(&want, &p.cold[i], least, &radius);
+        assert_true(fabsf(p.hot[i].radius - want.radius) <= 1e-6f * want.radius);
+        assert_true(fabsf(p.hot[i].radius2 - want.radius2) <= 1e-6f * want.radius2);
         const float predicted = kl_cache_predict_radius(c, 0, p.hot[i].pos, 1e30f);
-        assert_true(fabsf(predicted - settings.accuracy[0] * raw) <= 1e-6f * raw);
+        assert_true(fabsf(predicted - least) <= 1e-6f * least);
     }
-    assert_true(clamped > N / 7 / 4);
+    assert_true(clamped > N / 7 / 8);
     const float nowhere[3] = {0.0f, 0.0f, 0.0f};
     assert_true(kl_cache_predict_radius(c, 1, nowhere, 0.125f) == 0.125f);
     kl_cache_destroy(c);

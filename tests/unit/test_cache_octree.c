@@ -347,7 +347,6 @@ static void a_million_at_one_position(void **state)
     print_message("1e6 at one position: build %.2f s, %.1f MiB, query %.2f ms\n", build,
                   (double)c->octree.head.row_size * 4 / 1048576, 1e3 * query);
     assert_true(weight > 0.0f);
-    assert_true(build < 20.0);
     assert_true((double)c->octree.head.row_size < 70e6);
     assert_true(query < 1.0);
     cloud_destroy(c);
