@@ -294,7 +294,7 @@ kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill
                                           .camera_count = used,
                                           .keep = job->keeps,
                                           .must_keep = job->must_keep,
-                                          .measure = job->options->measure,
+                                          .measure = job->options->verify > 0.0,
                                           .progress = note_fill,
                                           .progress_context = &job->progress};
     st = kl_renderer_fill(job->renderer, &fill, stats, err);

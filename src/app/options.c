@@ -117,7 +117,7 @@ static const struct poptOption render_options[] = {
          "MODE"),
     TEXT("error", OPT_ERROR, "Relative error of indirect irradiance to aim at (default: 0.02)",
          "E"),
-    TEXT("verify", OPT_VERIFY, "Gather this share of the pixels anew and report the error, as 1%",
+    TEXT("verify", OPT_VERIFY, "Measure: extend until --error is met, gather this share of the pixels anew, as 1%",
          "SHARE"),
     TEXT("radius", OPT_RADIUS,
          "Advanced: what decides how far records serve: hessian or split-sphere (default: hessian)",
@@ -466,7 +466,6 @@ static kl_status apply_preset(struct kl_options *o, struct kl_err *err)
         kl_status st = set_word("preset", o->preset, names, &i, err);
         if (st != KL_OK) return st;
     }
-    o->measure = o->error > 0.0 || o->preset != NULL;
     if (o->error <= 0.0) o->error = presets[i].error;
     if (o->spp == 0) o->spp = presets[i].spp;
     return KL_OK;

@@ -60,7 +60,6 @@ struct kl_options {
     enum kl_cache_mode cache_mode;
     char *cache, *device, *preset;
     double error;
-    bool measure;      /* an error was asked for: extend until the measured one is below it */
     bool split_sphere; /* rule of the radii, for comparison */
     double verify;     /* share of the pixels that is gathered anew, 0: none */
     uint32_t rays, threads, seed; /* threads 0: all cores */
