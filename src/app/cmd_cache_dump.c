@@ -4,12 +4,15 @@
 #include "src/app/folders.h"
 #include "src/app/json_text.h"
 #include "src/app/record_list.h"
+#include "src/app/vdb_module.h"
 #include "src/base/file.h"
+#include "src/base/memory.h"
 
-#include <inttypes.h>
+#include <float.h>
 #include <jansson.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -102,6 +105,70 @@ static kl_status write_stream(const char *path, const struct kl_record_list *lis
     return st;
 }
 
+/* Volumes have this many voxels along the longest edge of what they hold. */
+enum { VOXELS = 256 };
+
+static double voxel_of(const struct kl_record_list *list)
+{
+    double longest = 0.0;
+    for (int k = 0; k < 3; ++k) {
+        double lo = DBL_MAX;
+        double hi = -DBL_MAX;
+        for (size_t i = 0; i < list->count; ++i) {
+            lo = fmin(lo, list->items[i].pos[k]);
+            hi = fmax(hi, list->items[i].pos[k]);
+        }
+        longest = fmax(longest, hi - lo);
+    }
+    return longest > 0.0 ? longest / VOXELS : 1.0;
+}
+
+static kl_status write_vdb(const char *path, const struct kl_record_list *list, struct kl_err *err)
+{
+    const size_t n = list->count;
+    double *positions = NULL;
+    float *floats = NULL;    /* normals, irradiance, radius, error */
+    int32_t *numbers = NULL; /* level, born */
+    kl_status st = kl_alloc_array(&positions, 3 * n, sizeof *positions, err);
+
+    if (st == KL_OK) st = kl_alloc_array(&floats, 8 * n, sizeof *floats, err);
+    if (st == KL_OK) st = kl_alloc_array(&numbers, 2 * n, sizeof *numbers, err);
+    for (size_t i = 0; st == KL_OK && i < n; ++i) {
+        const struct kl_record_item *r = &list->items[i];
+        const kl_vec3 normal = kl_oct_decode(r->hot.normal);
+        memcpy(positions + 3 * i, r->pos, sizeof r->pos);
+        memcpy(floats + 3 * i, &(float[]){normal.x, normal.y, normal.z}, 3 * sizeof(float));
+        memcpy(floats + 3 * n + 3 * i, r->cold.irr, sizeof r->cold.irr);
+        floats[6 * n + i] = r->hot.radius;
+        floats[7 * n + i] = error_of(r);
+        numbers[i] = (int32_t)r->level;
+        numbers[n + i] = (int32_t)r->born;
+    }
+    if (st == KL_OK) {
+        const struct kl_vdb_points points = {.count = n,
+                                             .positions = positions,
+                                             .normals = floats,
+                                             .irradiance = floats + 3 * n,
+                                             .radius = floats + 6 * n,
+                                             .error = floats + 7 * n,
+                                             .level = numbers,
+                                             .born = numbers + n,
+                                             .voxel = voxel_of(list)};
+        st = kl_vdb_module_write(path, &points, err);
+    }
+    free(positions);
+    free(floats);
+    free(numbers);
+    return st;
+}
+
+static kl_status write_list(const char *path, const char *extension,
+                            const struct kl_record_list *list, struct kl_err *err)
+{
+    if (strcmp(extension, ".vdb") == 0) return write_vdb(path, list, err);
+    return write_stream(path, list, strcmp(extension, ".csv") == 0 ? write_csv : write_ply, err);
+}
+
 kl_status kl_command_cache_dump(const struct kl_options *options, struct kl_err *err)
 {
     const struct kl_options *o = options;
@@ -109,15 +176,15 @@ kl_status kl_command_cache_dump(const struct kl_options *options, struct kl_err 
     struct kl_record_list list = {0};
 
     if (extension == NULL) {
-        return kl_fail(err, KL_ERR_USAGE, "cache dump: expected -o FILE.csv or FILE.ply");
+        return kl_fail(err, KL_ERR_USAGE, "cache dump: expected -o FILE.csv, FILE.ply or FILE.vdb");
     }
-    const bool is_csv = strcmp(extension, ".csv") == 0;
-    if (!is_csv && strcmp(extension, ".ply") != 0) {
-        return kl_fail(err, KL_ERR_USAGE, "--output: '%s', expected .csv or .ply", o->output);
+    if (strcmp(extension, ".csv") != 0 && strcmp(extension, ".ply") != 0 &&
+        strcmp(extension, ".vdb") != 0) {
+        return kl_fail(err, KL_ERR_USAGE, "--output: '%s', expected .csv, .ply or .vdb", o->output);
     }
     kl_status st = kl_record_list_load(o->arguments[0], &list, err);
     if (st == KL_OK) st = kl_folders_make(o->output, false, err);
-    if (st == KL_OK) st = write_stream(o->output, &list, is_csv ? write_csv : write_ply, err);
+    if (st == KL_OK) st = write_list(o->output, extension, &list, err);
     if (st == KL_OK && (!o->json || o->json_file != NULL)) {
         (void)printf("%s: %zu records\n", o->output, list.count);
     }

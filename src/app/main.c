@@ -51,7 +51,7 @@ static const struct command {
      "dump",
      {"keeplight cache dump", "CACHE -o FILE [OPTIONS]", 1, 1, KL_OPTIONS_CACHE_DUMP},
      kl_command_cache_dump,
-     "records as a table or points"},
+     "records as a table, points or volumes"},
     {"cache",
      "diff",
      {"keeplight cache diff", "CACHE CACHE [OPTIONS]", 2, 2, KL_OPTIONS_CACHE_DIFF},

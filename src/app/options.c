@@ -179,7 +179,8 @@ static const struct poptOption merge_options[] = {
     POPT_TABLEEND,
 };
 static const struct poptOption dump_options[] = {
-    {"output", 'o', POPT_ARG_STRING, NULL, OPT_OUTPUT, "The table or points", "FILE.csv|FILE.ply"},
+    {"output", 'o', POPT_ARG_STRING, NULL, OPT_OUTPUT, "The table, points or volumes",
+     "FILE.csv|.ply|.vdb"},
     JSON,
     HELP,
     POPT_TABLEEND,

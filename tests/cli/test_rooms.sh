@@ -13,12 +13,12 @@ room() {
         grep -EHn "^ *# *include *<$library" "$folder"/*.[ch] "$folder"/*.[ch]pp 2>/dev/null || true
     done
 }
-libraries='embree3 CL/ openexr OpenEXR jansson png.h tiny_gltf popt xxhash omp.h'
+libraries='openvdb embree3 CL/ openexr OpenEXR jansson png.h tiny_gltf popt xxhash omp.h'
 
 room kernels ''
 room src/base 'xxhash'
 room src/scene 'src/base kernels'
-room src/import 'src/base src/scene kernels tiny_gltf openexr OpenEXR'
+room src/import 'src/base src/scene kernels tiny_gltf openexr OpenEXR openvdb'
 room src/trace 'src/base src/scene kernels embree3 omp.h'
 room src/device 'src/base src/scene src/trace kernels CL/ omp.h'
 room src/cache 'src/base kernels omp.h'

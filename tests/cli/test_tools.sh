@@ -16,6 +16,8 @@ kl cache dump c.klc -o c.ply >/dev/null
 head -c 100 c.ply | grep -aq "element vertex $count" || fail "ply"
 header=$(head -c 2000 c.ply | grep -abo end_header | cut -d: -f1)
 [[ $(stat -c %s c.ply) == $((header + 11 + 68 * count)) ]] || fail "ply: its size"
+kl cache dump c.klc -o c.vdb >/dev/null
+[[ $(head -c 4 c.vdb) == " BDV" ]] || fail "vdb"
 exits 1 kl cache dump c.klc -o c.txt
 exits 1 kl cache dump c.klc
 exits 1 kl cache dump nothing.klc -o c.csv
