@@ -251,6 +251,12 @@ uint32_t hard_camera(struct kl_scene *scene, const double eye[3], const double t
     return scene->camera_count++;
 }
 
+void hard_forget_cameras(struct kl_scene *scene)
+{
+    while (scene->camera_count > 0)
+        free(scene->cameras[--scene->camera_count].name);
+}
+
 void hard_sky(struct kl_scene *scene, uint32_t width, uint32_t height, double radiance)
 {
     const size_t values = 3 * (size_t)width * height;

@@ -25,6 +25,7 @@ void hard_sphere(struct kl_scene *scene, uint32_t node, uint32_t material, const
 /* Returns its number. `yfov` [rad]. */
 uint32_t hard_camera(struct kl_scene *scene, const double eye[3], const double target[3],
                      double yfov);
+void hard_forget_cameras(struct kl_scene *scene);
 void hard_sky(struct kl_scene *scene, uint32_t width, uint32_t height, double radiance);
 /* Put everything under one more transform: p' = scale * p + offset. */
 void hard_move(struct kl_scene *scene, double scale, const double offset[3]);

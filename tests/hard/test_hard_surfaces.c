@@ -24,7 +24,7 @@ static const float *data_of(const struct kl_image *image, const char *channel)
 static struct kl_scene *corner(void)
 {
     struct kl_scene *s = hard_room();
-    s->camera_count = 0;
+    hard_forget_cameras(s);
     (void)hard_camera(s, (double[]){0.5, -0.7, -0.7}, (double[]){0.5, -1, -1}, 0.9);
     return s;
 }
@@ -242,7 +242,7 @@ static void inside_of_solids_is_dark(void **state)
     struct kl_scene *s = hard_room();
     struct hard_stage stage;
     (void)state;
-    s->camera_count = 0;
+    hard_forget_cameras(s);
     (void)hard_camera(s, (double[]){0.4, -0.7, 0.2}, (double[]){0.4, -0.7, 0}, 1.2);
     hard_open(&stage, s, KL_INDIRECT_CACHE, 0.1, 256);
     struct kl_image *image = hard_render(&stage, 0, SIDE, SIDE, 4);
