@@ -219,8 +219,79 @@ static void device_gathers_as_host(void **state)
     free(s.normals);
 }
 
+/* A ladder climbed to its end has traced every ray of its last step once: the same result as that
+ * step alone. With a tolerance, records stop on the way. */
+static void ladders_keep_their_rays(void **state)
+{
+    (void)state;
+    static kl_gather_point points[POINTS];
+    static kl_gather_result climbed[POINTS], alone[POINTS];
+    struct lit_scene s = {0};
+    struct kl_gather_device *gather = NULL;
+    struct kl_gather_tables *tables[3] = {NULL, NULL, NULL};
+    struct kl_tracer *tracer = NULL;
+    struct kl_err err = {0};
+
+    light_scene(&s);
+    make_points(s.flat, points);
+    kl_status st = kl_tracer_create(s.flat, &tracer, &err);
+    for (uint32_t i = 0; st == KL_OK && i < 3; ++i) {
+        st = kl_gather_tables_create(8u << i, &tables[i], &err);
+    }
+    if (st != KL_OK) fail_msg("%s", err.msg);
+    const bool has_device = kl_gather_device_create("opencl", s.flat, &gather, &err) == KL_OK;
+    const kl_level_view none = {0};
+    for (int on_device = 0; on_device <= (has_device ? 1 : 0); ++on_device) {
+        struct kl_gather_job job = {
+            .scene = &s.flat->view,
+            .level1 = &none,
+            .ladder = {.steps = {tables[0], tables[1], tables[2]}, .count = 3, .tolerance = -1.0f},
+            .settings = {.query = {1.0f, 0.9f}, .length_scale = 1.0f, .touch = 0.005f},
+            .points = points,
+            .count = POINTS,
+            .results = climbed,
+        };
+        st = on_device ? kl_gather_device_run(gather, &job, &err) : kl_gather_host(&job, &err);
+        job.ladder = (struct kl_gather_ladder){.steps = {tables[2]}, .count = 1};
+        job.results = alone;
+        if (st == KL_OK) {
+            st = on_device ? kl_gather_device_run(gather, &job, &err) : kl_gather_host(&job, &err);
+        }
+        if (st != KL_OK) fail_msg("%s", err.msg);
+        uint32_t whole = 0;
+        for (int i = 0; i < POINTS; ++i) { /* where no ray finds light, more do not help */
+            if (climbed[i].side < 32) {
+                assert_true(climbed[i].irr[1] == 0.0f);
+                continue;
+            }
+            assert_memory_equal(&climbed[i], &alone[i], sizeof alone[i]);
+            ++whole;
+        }
+        assert_true(whole > POINTS / 10);
+        job.results = climbed;
+        job.ladder = (struct kl_gather_ladder){
+            .steps = {tables[0], tables[1], tables[2]}, .count = 3, .tolerance = 0.2f};
+        st = on_device ? kl_gather_device_run(gather, &job, &err) : kl_gather_host(&job, &err);
+        if (st != KL_OK) fail_msg("%s", err.msg);
+        uint32_t early = 0;
+        for (int i = 0; i < POINTS; ++i) {
+            early += climbed[i].side < 32;
+            assert_true(climbed[i].side == 32 || climbed[i].error <= 0.2f);
+        }
+        assert_in_range(early, 1, POINTS - 1);
+    }
+    for (uint32_t i = 0; i < 3; ++i) {
+        kl_gather_tables_destroy(tables[i]);
+    }
+    kl_tracer_destroy(tracer);
+    kl_gather_device_destroy(gather);
+    kl_test_scene_destroy(s.flat);
+    free(s.normals);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(device_gathers_as_host)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(device_gathers_as_host),
+                                       cmocka_unit_test(ladders_keep_their_rays)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
