@@ -32,7 +32,7 @@ typedef struct kl_answer {
     kl_vec3 irr;  /* irradiance [W m^-2] */
     float weight; /* sum of weights; 0: no record serves this point */
     float best;   /* largest weight: 1 on top of a record */
-    float shares; /* sum of weights over squared radii, what the means are taken by */
+    float shares; /* sum of weights over radii, what the means are taken by */
     float error;  /* relative standard error of the records, weighted mean */
     float radius; /* [m] of the nearest-weighted records, weighted mean */
 } kl_answer;
@@ -221,8 +221,7 @@ KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl
     const kl_frame f = kl_frame_from_normal(normal);
     if (kl_record_is_blocked(cold, kl_dot(offset, f.t), kl_dot(offset, f.b))) return;
     /* Where a small record serves, a large one that reaches there knows less. */
-    const float small = c->head.side / c->hot[i].radius;
-    const float share = w * small * small;
+    const float share = w * c->head.side / c->hot[i].radius;
     a->irr = kl_v3_mad(a->irr, share, kl_record_extrapolate(cold, &f, offset, bent));
     a->error += share * kl_half_to_float(cold->error_spacing & 0xffffu);
     a->radius += share * c->hot[i].radius;
