@@ -17,8 +17,7 @@
 #define KL_NEED_SPECULAR      0x080u /* some material has a specular lobe */
 #define KL_NEED_NORMAL_MAPS   0x100u
 #define KL_NEED_ENCLOSING     0x400u /* lights fill much of the view: a sky, glowing walls */
-#define KL_NEED_MOTION        0x200u /* something other than the camera moves while the shutter is open \
-                                      */
+#define KL_NEED_MOTION        0x200u /* not only the camera moves while the shutter is open */
 
 #if defined(KL_FEATURES)
 #define KL_NEEDS(scene, f) ((KL_FEATURES) & (f))
