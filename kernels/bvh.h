@@ -201,13 +201,6 @@ KL_FN kl_u32 kl_bvh_boxes(const KL_GLOBAL kl_bvh_node *node, const kl_bvh_slabs 
     return mask;
 }
 
-/* Edge function of the edge from p to q (both relative to the ray's origin) against direction d. */
-KL_FN float kl_bvh_edge(kl_vec3 q, kl_vec3 p, kl_vec3 d)
-{
-    const kl_vec3 c = kl_cross(kl_v3_sub(q, p), kl_v3_add(q, p));
-    return c.x * d.x + c.y * d.y + c.z * d.z;
-}
-
 KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, float tmin,
                        float tmax, kl_bvh_lanes *out)
 {
@@ -217,9 +210,9 @@ KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, 
         const kl_vec3 a = kl_v3_sub(kl_v3(p[0], p[4], p[8]), o);
         const kl_vec3 b = kl_v3_sub(kl_v3(p[12], p[16], p[20]), o);
         const kl_vec3 c = kl_v3_sub(kl_v3(p[24], p[28], p[32]), o);
-        const float u = kl_bvh_edge(c, a, d);
-        const float v = kl_bvh_edge(a, b, d);
-        const float w = kl_bvh_edge(b, c, d);
+        const float u = kl_edge_function(c, a, d);
+        const float v = kl_edge_function(a, b, d);
+        const float w = kl_edge_function(b, c, d);
         const float sum = u + v + w;
         const float eps = kl_fabs(sum) * KL_BVH_EDGE;
         if (!(kl_fmin(kl_fmin(u, v), w) >= -eps || kl_fmax(kl_fmax(u, v), w) <= eps)) continue;
@@ -434,8 +427,10 @@ KL_FN int kl_bvh_closest(const kl_scene_view *scene, const kl_ray *ray, kl_hit *
             found |= kl_bvh_instance_closest(scene, index, &stack, ray, &best);
         }
     }
-    if (found) *hit = best;
-    return found;
+    if (!found) return 0;
+    kl_hit_settle(scene, ray, &best);
+    *hit = best;
+    return 1;
 }
 
 /* As kl_trace_any. */

@@ -222,8 +222,6 @@ KL_FN void kl_reduce_touched(const KL_GLOBAL kl_gather_cell *cells, kl_u32 count
     }
 }
 
-/* All of it for one record: cells are side x side. Gradients come out in the record's own frame. */
-
 KL_FN void kl_reduce_hessian(const KL_GLOBAL kl_gather_cell *cells,
                              const KL_GLOBAL kl_direction *dirs, kl_u32 side,
                              const KL_GLOBAL kl_gather_point *point, kl_gather_result *out)

@@ -88,6 +88,15 @@ enum { OBJECT_TURN = 120 };
         TEXT("animation", OPT_ANIMATION, "Animation of the scene to follow (default: all)",        \
              "NAME")
 
+#define CAMERA_OPTIONS                                                                             \
+    TEXT("camera", OPT_CAMERA, "Camera of the scene (default: the first)", "NAME"),                \
+        TEXT("turntable", OPT_TURNTABLE,                                                           \
+             "Orbit the scene once in N frames; object:N turns the object instead (object: 120)",  \
+             "N"),                                                                                 \
+        TEXT("path", OPT_PATH, "Fly along a keyframed path", "FILE.json"),                         \
+        TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),                           \
+        TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N")
+
 static const struct kl_option_word radius_rules[] = {
     {"hessian", 0}, {"split-sphere", 1}, {NULL, 0}};
 
@@ -102,12 +111,7 @@ static const struct poptOption render_options[] = {
     TEXT("shutter-curve", OPT_SHUTTER_CURVE,
          "How it opens and closes: box, triangle, cosine or weights as 0,1,1,0 (default: box)",
          "CURVE"),
-    TEXT("camera", OPT_CAMERA, "Camera of the scene (default: the first)", "NAME"),
-    TEXT("turntable", OPT_TURNTABLE,
-         "Orbit the scene once in N frames; object:N turns the object instead (object: 120)", "N"),
-    TEXT("path", OPT_PATH, "Fly along a keyframed path", "FILE.json"),
-    TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),
-    TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N"),
+    CAMERA_OPTIONS,
     TEXT("indirect", OPT_INDIRECT,
          "Where indirect diffuse light comes from: cache, path or off (default: cache)", "HOW"),
     TEXT("cache", OPT_CACHE, "Cache folder (default: SCENE.klc beside the output)", "DIR.klc"),
@@ -117,7 +121,8 @@ static const struct poptOption render_options[] = {
          "MODE"),
     TEXT("error", OPT_ERROR, "Relative error of indirect irradiance to aim at (default: 0.02)",
          "E"),
-    TEXT("verify", OPT_VERIFY, "Measure: extend until --error is met, gather this share of the pixels anew, as 1%",
+    TEXT("verify", OPT_VERIFY,
+         "Measure: extend until --error is met, gather this share of the pixels anew, as 1%",
          "SHARE"),
     TEXT("radius", OPT_RADIUS,
          "Advanced: what decides how far records serve: hessian or split-sphere (default: hessian)",
@@ -198,11 +203,7 @@ static const struct poptOption view_options[] = {
     SCENE_OPTIONS,
     TEXT("frames", OPT_FRAMES, "The frame to draw over; of a list, the first", "N"),
     TEXT("fps", OPT_FPS, "Frames a second; frame f is the instant f/fps (default: 24)", "RATE"),
-    TEXT("camera", OPT_CAMERA, "Camera of the scene (default: the first)", "NAME"),
-    TEXT("turntable", OPT_TURNTABLE, "Orbit the scene once in N frames", "N"),
-    TEXT("path", OPT_PATH, "Fly along a keyframed path", "FILE.json"),
-    TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),
-    TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N"),
+    CAMERA_OPTIONS,
     TEXT("rays", OPT_RAYS, "Gather rays of a record, as the cache was made with", "N"),
     TEXT("error", OPT_ERROR, "Relative error, as the cache was made with", "E"),
     TEXT("threads", OPT_THREADS, "Threads (default: all cores)", "N"),

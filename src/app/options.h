@@ -60,8 +60,8 @@ struct kl_options {
     enum kl_cache_mode cache_mode;
     char *cache, *device, *preset;
     double error;
-    bool split_sphere; /* rule of the radii, for comparison */
-    double verify;     /* share of the pixels that is gathered anew, 0: none */
+    bool split_sphere;            /* rule of the radii, for comparison */
+    double verify;                /* share of the pixels that is gathered anew, 0: none */
     uint32_t rays, threads, seed; /* threads 0: all cores */
 
     char *out, *aov;

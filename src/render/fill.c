@@ -88,19 +88,17 @@ static kl_status batch_init(struct batch *b, size_t n, struct kl_err *err)
     return st;
 }
 
-/* Luminance of irradiance [W m^-2] that counts as black: far below the geometric mean of the
- * records. */
-static float dark(const kl_level_view *level)
+double kl_fill_black(const float *irr, size_t count, size_t stride)
 {
     double logs = 0.0;
-    uint32_t lit = 0;
-    for (uint32_t i = 0; i < level->head.record_count; ++i) {
-        const float y = kl_luminance(kl_v3_load(level->cold[i].irr));
+    size_t lit = 0;
+    for (size_t i = 0; i < count; ++i) {
+        const float y = kl_luminance(kl_v3_load(irr + i * stride));
         if (!(y > 0.0f)) continue;
         logs += log((double)y);
         ++lit;
     }
-    return lit > 0 ? (float)(black * exp(logs / lit)) : 0.0f;
+    return lit > 0 ? black * exp(logs / (double)lit) : 0.0;
 }
 
 kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *level1, uint32_t level,
@@ -114,7 +112,10 @@ kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *lev
                                    .points = points,
                                    .count = count,
                                    .results = results};
-    gather.ladder.floor = dark(level1);
+    if (level1->head.record_count > 0) {
+        gather.ladder.floor = (float)kl_fill_black(level1->cold->irr, level1->head.record_count,
+                                                   sizeof *level1->cold / sizeof(float));
+    }
     kl_status st = job->gather_batch(job->gather_context, &gather, err);
     for (size_t i = 0; st == KL_OK && i < count; ++i) {
         stats->gather_rays += (uint64_t)results[i].side * results[i].side;

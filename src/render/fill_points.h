@@ -30,4 +30,8 @@ kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *lev
                          const kl_gather_point *points, size_t count, kl_gather_result *results,
                          struct kl_fill_stats *stats, struct kl_err *err) KL_MUST_CHECK;
 
+/* Luminance [W m^-2] of irradiance that counts as black: far below the geometric mean of `count`
+ * of them, RGB, `stride` floats apart. 0 if all are. */
+double kl_fill_black(const float *irr, size_t count, size_t stride);
+
 #endif

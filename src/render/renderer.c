@@ -30,11 +30,11 @@ static const float length_scale = 2.0f;
 static const float gather_weight = 0.3f;
 /* Records of coarser runs serve finer ones too: dependence is judged by this error at most. */
 static const double touch_error = 0.02;
-enum { BATCH = 4096, DEFAULT_RAYS = 1024, FIRST_SIDE = 8, TABLES = 6, LADDER = 3 };
+enum { BATCH = 4096, DEFAULT_RAYS = 1024, LADDER = 3 };
+enum { FIRST_SIDE = 8, TABLES = 6, LAST_SIDE = FIRST_SIDE << (TABLES - 1) };
 enum { MEASURED_POINTS = 256, MEASURE_ROUNDS = 8, VERIFY_RAYS = 16384 };
-static const double measured_share =
-    0.85;                              /* of the error: a few hundred points say it within 15 % */
-static const float noise_share = 1.0f; /* standard error of a record over the error asked for */
+/* Of the error: a few hundred points say it within 15 %. */
+static const double measured_share = 0.85;
 
 struct kl_renderer {
     const struct kl_scene *scene; /* borrowed */
@@ -70,8 +70,8 @@ static float accuracy_for(enum kl_radius_rule rule, double error)
 
 static uint32_t side_for(uint32_t rays)
 {
-    uint32_t side = 8;
-    while (side < 256 && side * side < rays) {
+    uint32_t side = FIRST_SIDE;
+    while (side < LAST_SIDE && side * side < rays) {
         side *= 2;
     }
     return side;
@@ -98,8 +98,8 @@ static kl_status make_ladders(struct kl_renderer *r, struct kl_err *err)
     struct kl_gather_ladder *eye = &r->ladder[0];
     kl_status st = get_tables(r, side > FIRST_SIDE ? side / 2 : side, &r->ladder[1].steps[0], err);
     r->ladder[1].count = 1;
-    eye->tolerance = noise_share * (float)r->settings.error;
-    for (uint32_t s = side; st == KL_OK && eye->count < LADDER && s <= 256; s *= 2) {
+    eye->tolerance = (float)r->settings.error;
+    for (uint32_t s = side; st == KL_OK && eye->count < LADDER && s <= LAST_SIDE; s *= 2) {
         st = get_tables(r, s, &eye->steps[eye->count++], err);
     }
     return st;
@@ -371,22 +371,18 @@ static void choose_accuracy(struct kl_renderer *r)
 /* Take over what a store holds: a lone base in place. */
 static kl_status adopt_store(struct kl_renderer *r, struct kl_err *err)
 {
-    if (kl_store_segment_count(r->store) > 1) return adopt_merged(r, err);
-    const size_t n = kl_store_segment_count(r->store);
+    struct kl_store_segment_info info;
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
     kl_status st = KL_OK;
-    for (size_t i = 0; st == KL_OK && i < n; ++i) {
-        struct kl_store_segment_info info;
-        struct kl_level_arrays levels[KL_CACHE_LEVELS];
-        kl_store_segment_get(r->store, i, &info, levels);
-        for (uint32_t l = 0; st == KL_OK && l < KL_CACHE_LEVELS; ++l) {
-            if (levels[l].record_count == 0) continue;
-            if (info.is_base && kl_cache_count(r->cache, l) == 0) {
-                st = kl_cache_adopt(r->cache, l, &levels[l], err);
-            } else {
-                st = kl_cache_insert(r->cache, l, levels[l].hot, levels[l].cold,
-                                     levels[l].record_count, err);
-            }
-        }
+
+    if (kl_store_segment_count(r->store) == 0) return KL_OK;
+    if (kl_store_segment_count(r->store) > 1) return adopt_merged(r, err);
+    kl_store_segment_get(r->store, 0, &info, levels);
+    for (uint32_t l = 0; st == KL_OK && l < KL_CACHE_LEVELS; ++l) {
+        if (levels[l].record_count == 0) continue;
+        st = info.is_base ? kl_cache_adopt(r->cache, l, &levels[l], err)
+                          : kl_cache_insert(r->cache, l, levels[l].hot, levels[l].cold,
+                                            levels[l].record_count, err);
     }
     return st == KL_OK ? kl_cache_finish(r->cache, err) : st;
 }
@@ -577,7 +573,7 @@ static struct kl_verify_job verify_job(const struct kl_renderer *r, const struct
                                        uint32_t camera_count, const struct kl_gather_tables *tables)
 {
     return (struct kl_verify_job){
-        .scene = &r->flat->view,
+        .scene = reference_view(r),
         .cache = kl_cache_view(r->cache, 0),
         .query = eye_query(),
         .cameras = cameras,

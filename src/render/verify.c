@@ -6,7 +6,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-static const double floor_share = 1e-3; /* of the geometric mean of the references */
 static const double z95 = 1.96;
 
 static float luminance_of(const float irr[3])
@@ -116,22 +115,16 @@ static void compare(const struct kl_verify_job *job, const struct points *points
                     struct kl_verify_errors *errors)
 {
     const size_t n = points->count;
-    double logs = 0.0;
-    size_t lit = 0;
-    for (size_t i = 0; i < n; ++i) {
-        const kl_gather_result *r = &points->results[i];
-        const double y = (double)luminance_of(r->irr);
-        if (y > 0.0) {
-            logs += log(y);
-            ++lit;
-        }
-        errors->noise2 += (double)r->error * (double)r->error;
-    }
-    const double least = lit > 0 ? floor_share * exp(logs / (double)lit) : 1.0;
+    if (n == 0) return;
+    const double black =
+        kl_fill_black(points->results->irr, n, sizeof *points->results / sizeof(float));
+    const double least = black > 0.0 ? black : 1.0;
     for (size_t i = 0; i < n; ++i) {
         const struct kl_point *p = &points->where[i];
+        const kl_gather_result *r = &points->results[i];
         const kl_answer a = kl_cache_query(&job->cache, &job->query, p->pos, p->smooth, p->smooth);
-        const double y = (double)luminance_of(points->results[i].irr);
+        const double y = (double)luminance_of(r->irr);
+        errors->noise2 += (double)r->error * (double)r->error;
         if (a.weight > 0.0f) {
             errors->values[errors->count++] = ((double)kl_luminance(a.irr) - y) / fmax(y, least);
         } else {

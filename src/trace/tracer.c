@@ -296,6 +296,7 @@ int kl_trace_closest(const kl_scene_view *scene, const kl_ray *ray, kl_hit *hit)
     hit->u = query.hit.u;
     hit->v = query.hit.v;
     hit->triangle = target->first_triangle + query.hit.primID;
+    kl_hit_settle(scene, ray, hit);
     return 1;
 }
 

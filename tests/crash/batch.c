@@ -1,5 +1,6 @@
 #include "tests/crash/batch.h"
 
+#include "cache_io/records.h"
 #include "kernels/sampling.h"
 #include "src/cache/cache.h"
 
@@ -133,6 +134,26 @@ kl_status batch_count(const char *dir, uint32_t *counts, uint32_t limit, struct 
     }
     kl_store_close(store);
     return KL_OK;
+}
+
+void batch_must(kl_status st, const struct kl_err *err)
+{
+    if (st == KL_OK) return;
+    (void)fprintf(stderr, "%s\n", err->msg);
+    _exit(1);
+}
+
+void batch_compact(struct kl_store *store)
+{
+    struct kl_records *records = NULL;
+    struct kl_err err;
+    uint64_t merged = 0;
+
+    batch_must(kl_records_create(&records, &err), &err);
+    batch_must(kl_records_add_store(records, store, &err), &err);
+    batch_must(kl_records_merge(records, &merged, &err), &err);
+    batch_must(kl_store_publish_records(store, records, &err), &err);
+    kl_records_destroy(records);
 }
 
 void folder_create(char path[64])

@@ -29,6 +29,11 @@ struct kl_store_key batch_key(void);
  * cannot be opened. */
 kl_status batch_count(const char *dir, uint32_t *counts, uint32_t limit, struct kl_err *err);
 
+/* In processes of a test's own: end with exit code 1 and the message unless st is KL_OK. */
+void batch_must(kl_status st, const struct kl_err *err);
+/* Publish all records of the store as one base. */
+void batch_compact(struct kl_store *store);
+
 /* A folder of its own below TMPDIR or /tmp, and its end with all that is in it. */
 void folder_create(char path[64]);
 void folder_empty(const char *path);

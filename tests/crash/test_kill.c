@@ -1,6 +1,5 @@
 /* A process that appends batches and compacts is killed at random moments. What it had been told is
  * kept is there, once, and the store is whole. The first argument is the number of kills. */
-#include "cache_io/records.h"
 #include "tests/crash/batch.h"
 
 #include <setjmp.h>
@@ -21,26 +20,6 @@ static int kills = 60;
 static char root[64];
 static char dir[80];
 
-static void must(kl_status st, const struct kl_err *err)
-{
-    if (st == KL_OK) return;
-    (void)fprintf(stderr, "%s\n", err->msg);
-    _exit(1);
-}
-
-static void compact(struct kl_store *store)
-{
-    struct kl_records *records = NULL;
-    struct kl_err err;
-    uint64_t merged = 0;
-
-    must(kl_records_create(&records, &err), &err);
-    must(kl_records_add_store(records, store, &err), &err);
-    must(kl_records_merge(records, &merged, &err), &err);
-    must(kl_store_publish_records(store, records, &err), &err);
-    kl_records_destroy(records);
-}
-
 /* Appends batch after batch from `first` on, and says so when each is kept. */
 static void work(int pipe_fd, uint32_t first)
 {
@@ -48,13 +27,13 @@ static void work(int pipe_fd, uint32_t first)
     struct kl_store *store = NULL;
     struct kl_err err;
 
-    must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
+    batch_must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
     for (uint32_t i = first; i < BATCHES; ++i) {
         struct batch *b = batch_create(i * SIZE, SIZE);
-        must(kl_store_append(store, b->levels, &err), &err);
+        batch_must(kl_store_append(store, b->levels, &err), &err);
         batch_destroy(b);
         if (write(pipe_fd, &i, sizeof i) != (ssize_t)sizeof i) _exit(1);
-        if (i % BASE_EVERY == 0) compact(store);
+        if (i % BASE_EVERY == 0) batch_compact(store);
     }
     _exit(0);
 }
@@ -106,7 +85,7 @@ static void nothing_kept_is_lost(void **state) /* 1, 5, 6, 11 */
             continue;
         }
         memset(counts, 0, sizeof counts);
-        must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
+        batch_must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
         assert_int_equal(kl_store_damaged(store, NULL), 0);
         struct kl_store_segment_info info;
         if (kl_store_segment_count(store) > 0) {
@@ -114,7 +93,7 @@ static void nothing_kept_is_lost(void **state) /* 1, 5, 6, 11 */
             bases += info.is_base;
         }
         kl_store_close(store);
-        must(batch_count(dir, counts, NUMBERS, &err), &err);
+        batch_must(batch_count(dir, counts, NUMBERS, &err), &err);
         for (uint32_t i = 0; i < next * SIZE; ++i)
             assert_int_equal(counts[i], 1);
         /* The batch under way is there whole or not at all. */

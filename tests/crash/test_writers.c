@@ -2,7 +2,6 @@
  * store is whole, nobody stalls. The argument is the time in seconds. Claims keep two processes
  * from the same work while both live. */
 #include "cache_io/claim.h"
-#include "cache_io/records.h"
 #include "tests/crash/batch.h"
 
 #include <dirent.h>
@@ -39,26 +38,6 @@ static double now(clockid_t clock)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void must(kl_status st, const struct kl_err *err)
-{
-    if (st == KL_OK) return;
-    (void)fprintf(stderr, "%s\n", err->msg);
-    _exit(1);
-}
-
-static void compact(struct kl_store *store)
-{
-    struct kl_records *records = NULL;
-    struct kl_err err;
-    uint64_t merged = 0;
-
-    must(kl_records_create(&records, &err), &err);
-    must(kl_records_add_store(records, store, &err), &err);
-    must(kl_records_merge(records, &merged, &err), &err);
-    must(kl_store_publish_records(store, records, &err), &err);
-    kl_records_destroy(records);
-}
-
 static uint64_t records_of(const struct kl_store *store)
 {
     uint64_t sum = 0;
@@ -86,19 +65,19 @@ static void work(int pipe_fd, uint32_t w)
     double longest = 0.0;
     uint32_t i = 0;
 
-    must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
+    batch_must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
     for (; now(CLOCK_MONOTONIC) - start < duration && i * WRITERS + w < BATCHES; ++i) {
         /* Of the processor: a machine that is busy with other things is no stall. */
         const double begin = now(CLOCK_PROCESS_CPUTIME_ID);
         const uint32_t number = i * WRITERS + w;
         struct batch *b = batch_create(number * SIZE, SIZE);
         bool changed = false;
-        must(kl_store_append(store, b->levels, &err), &err);
+        batch_must(kl_store_append(store, b->levels, &err), &err);
         batch_destroy(b);
-        must(kl_store_refresh(store, &changed, &err), &err);
+        batch_must(kl_store_refresh(store, &changed, &err), &err);
         if (kl_store_damaged(store, NULL) > 0) _exit(2);
         if (records_of(store) < (uint64_t)(i + 1) * SIZE) _exit(3); /* not even its own */
-        if (i % COMPACT_EVERY == COMPACT_EVERY - 1 - w) compact(store);
+        if (i % COMPACT_EVERY == COMPACT_EVERY - 1 - w) batch_compact(store);
         const double busy = now(CLOCK_PROCESS_CPUTIME_ID) - begin;
         longest = busy > longest ? busy : longest;
     }
@@ -140,13 +119,13 @@ static void all_records_are_there(void **state) /* 5, 6, 11, 12 */
         sum += result.batches;
         longest = result.longest > longest ? result.longest : longest;
     }
-    must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
+    batch_must(kl_store_open(dir, KL_STORE_EXTEND, &key, &store, &err), &err);
     assert_int_equal(kl_store_damaged(store, NULL), 0);
     const size_t segments = kl_store_segment_count(store);
-    compact(store); /* bases that overlap hold some records twice until then */
+    batch_compact(store); /* bases that overlap hold some records twice until then */
     kl_store_close(store);
     memset(counts, 0, sizeof counts);
-    must(batch_count(dir, counts, NUMBERS, &err), &err);
+    batch_must(batch_count(dir, counts, NUMBERS, &err), &err);
     for (uint32_t n = 0; n < NUMBERS; ++n) {
         const uint32_t batch = n / SIZE;
         assert_int_equal(counts[n], batch / WRITERS < written[batch % WRITERS] ? 1 : 0);
@@ -177,7 +156,7 @@ static void claims_expire_and_clocks_may_jump(void **state) /* 13 */
     bool taken = false;
 
     (void)state;
-    must(kl_store_open(dir, KL_STORE_REBUILD, &key, &store, &err), &err);
+    batch_must(kl_store_open(dir, KL_STORE_REBUILD, &key, &store, &err), &err);
     struct kl_claim *a = kl_claim_take(store, 7, &taken);
     assert_non_null(a);
     assert_null(kl_claim_take(store, 7, &taken));

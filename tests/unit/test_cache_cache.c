@@ -261,8 +261,8 @@ static void radii_are_clamped_by_neighbours(void **state)
         float least = wish;
         for (uint32_t k = 0; k < N; ++k) {
             const kl_vec3 d = kl_v3_sub(kl_v3_load(p.hot[i].pos), kl_v3_load(p.hot[k].pos));
-            least = fminf(least, kl_record_wish(&p.hot[k], &p.cold[k], &radius) +
-                                     slope * kl_length(d));
+            least =
+                fminf(least, kl_record_wish(&p.hot[k], &p.cold[k], &radius) + slope * kl_length(d));
         }
         clamped += least < wish;
         kl_record_hot want = p.hot[i];

@@ -29,8 +29,7 @@ static void set_record(struct cloud *c, uint32_t i, kl_vec3 pos, kl_vec3 normal,
     kl_record_hot *h = &c->hot[i];
     kl_record_cold *k = &c->cold[i];
     *h = (kl_record_hot){{pos.x, pos.y, pos.z}, kl_oct_encode(normal), radius, radius, 0, KL_NONE};
-    *k =
-        (kl_record_cold){.irr = {1.0f + (float)(i % 7), 1.0f, 0.5f}, .raw_radius = radius};
+    *k = (kl_record_cold){.irr = {1.0f + (float)(i % 7), 1.0f, 0.5f}, .raw_radius = radius};
     k->error_spacing = kl_float_to_half(0.01f);
     memset(k->clearance, 255, sizeof k->clearance);
 }

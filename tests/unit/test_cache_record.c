@@ -167,11 +167,11 @@ static void radii_follow_the_hessian(void **state)
         const float scale = k & 1 ? 1000.0f : 1.0f;
         const float light = k & 2 ? 50.0f : 1.0f;
         const float l = light / (1.2f * scale * scale); /* eigenvalues -9 l and 4 l */
-        const kl_gather_result g = {
-            .irr = {light, light, light},
-            .harmonic = scale,
-            .hessian = {l * (-9.0f * c * c + 4.0f * s * s), l * (-9.0f - 4.0f) * c * s,
-                        l * (-9.0f * s * s + 4.0f * c * c)}};
+        const kl_gather_result g = {.irr = {light, light, light},
+                                    .harmonic = scale,
+                                    .hessian = {l * (-9.0f * c * c + 4.0f * s * s),
+                                                l * (-9.0f - 4.0f) * c * s,
+                                                l * (-9.0f * s * s + 4.0f * c * c)}};
         kl_record_hot hot;
         kl_record_cold cold;
         kl_record_pack(&point, &g, 0, 1e-6f, &rule, &hot, &cold);

@@ -56,8 +56,7 @@ static void test_points_and_volumes(void **state)
     assert_int_equal(openvdb::points::pointCount(records->tree()), 3);
     const auto leaf = records->tree().cbeginLeaf();
     for (const char *name : {"P", "N", "Cd", "pscale", "error", "level", "born"}) {
-        assert_true(leaf->attributeSet().find(name) !=
-                    openvdb::points::AttributeSet::INVALID_POS);
+        assert_true(leaf->attributeSet().find(name) != openvdb::points::AttributeSet::INVALID_POS);
     }
     assert_int_equal(std::remove(path.c_str()), 0);
 
