@@ -150,12 +150,41 @@ struct segment_plan {
 kl_status segment_write(int dir_fd, const struct segment_plan *plan, struct segment *out,
                         struct kl_err *err) KL_MUST_CHECK;
 
-/* Records [first, last) of a level are sound. */
-bool records_are_valid(const struct kl_level_arrays *level, uint32_t first, uint32_t last);
+/* Records of a level are sound. */
+bool records_are_valid(const struct kl_level_arrays *level);
+/* So are those of a block of their array; what is of another type has nothing to say by itself. */
+bool record_block_is_sound(enum section_type type, const void *block, size_t bytes);
 /* The list of a scene's parts. */
 kl_status parts_validate(const kl_part *parts, uint32_t count, struct kl_err *err) KL_MUST_CHECK;
 /* The octree's arrays lead nowhere else: section 4, item 8. */
 kl_status octree_validate(const struct kl_level_arrays *level, struct kl_err *err) KL_MUST_CHECK;
+/* The steps of it. The header. */
+kl_status octree_check_header(const struct kl_level_arrays *level,
+                              struct kl_err *err) KL_MUST_CHECK;
+/* A set of places as one number, for a key that no file can know: the same places in another order
+ * give the same number (places_are_equal), others another one. */
+uint64_t place_key_make(void);
+uint64_t places_join(uint64_t a, uint64_t b);
+bool places_are_equal(uint64_t a, uint64_t b);
+/* Rows, in the order of memory. */
+struct row_walk {
+    const kl_u32 *rows;
+    kl_u32 size, record_count; /* items of rows; records that they may name */
+    /* ROW_WALK_START */
+    uint64_t key;
+    uint64_t starts;   /* places where rows start */
+    kl_u32 next, seen; /* next row; items that were looked at */
+    uint64_t above;    /* of these, record numbers out of range, once all are seen */
+    bool is_sound;
+};
+#define ROW_WALK_START(key_)                                                                       \
+    .key = (key_), .starts = 1, .next = KL_DIRECTORY_SIZE, .seen = KL_DIRECTORY_SIZE,              \
+    .is_sound = true
+/* Walk over the items before `end`, at least KL_DIRECTORY_SIZE. */
+void row_walk_to(struct row_walk *walk, kl_u32 end);
+bool row_walk_is_done(const struct row_walk *walk);
+/* The places that slots in use name: each row's, once. */
+uint64_t slots_places(const kl_octree_slot *slots, size_t count, uint64_t key);
 
 uint64_t read_u64(const unsigned char *p);
 uint32_t read_u32(const unsigned char *p);

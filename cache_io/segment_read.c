@@ -1,7 +1,6 @@
-#include "cache_io/segment_head_impl.h"
+#include "cache_io/segment_verify_impl.h"
 #include "src/base/file.h"
 #include "src/base/file_calls.h"
-#include "src/base/hash.h"
 #include "src/base/memory.h"
 
 #include <errno.h>
@@ -11,76 +10,26 @@
 #include <string.h>
 #include <sys/mman.h>
 
-/* Blocks of a small segment are not worth a team of threads. */
-enum { PARALLEL_BLOCKS = 64 };
-
-struct reader {
-    const unsigned char *data;
-    size_t size;
-    bool trust;
-    struct segment_head head;
-    struct segment_table table;
-};
-
-/* The one place that verifies content against checksums. */
-static bool block_is_intact(const struct reader *r, const struct segment_section *section,
-                            uint64_t block)
-{
-    const uint64_t start = block * section->block_bytes;
-    const uint64_t left = section->bytes - start;
-    const uint64_t bytes = left < section->block_bytes ? left : section->block_bytes;
-    const uint64_t offset = section->offset + start;
-
-    if (offset > r->size || bytes > r->size - offset) return false; /* cut off */
-    if (r->trust) return true;
-    return kl_hash_block(r->data + offset, (size_t)bytes) ==
-           read_u64(r->head.checksums + (section->first_block + block) * 8);
-}
-
-static uint64_t block_count_of(const struct segment_section *section)
-{
-    return (section->bytes + section->block_bytes - 1) / section->block_bytes;
-}
-
-/* Number of bad blocks of a section. */
-static uint64_t count_bad(const struct reader *r, const struct segment_section *section)
-{
-    const int64_t blocks = section->offset != 0 ? (int64_t)block_count_of(section) : 0;
-    uint64_t bad = 0;
-
-#pragma omp parallel for schedule(dynamic, 16) reduction(+ : bad) if (blocks >= PARALLEL_BLOCKS)
-    for (int64_t i = 0; i < blocks; ++i) {
-        bad += !block_is_intact(r, section, (uint64_t)i);
-    }
-    return bad;
-}
-
 /* A mapped section as an array: its offset is a multiple of 64. */
-static const void *array_get(const struct reader *r, const struct segment_section *section)
+static const void *array_get(const struct segment_reader *r, const struct segment_section *section)
 {
     return section->offset < r->size ? r->data + section->offset : NULL;
 }
 
-/* good[b] = 1 where block b of all arrays is intact and its records are sound; returns how many are
- * not. */
-static uint64_t verify_records(const struct reader *r, const struct kl_level_arrays *level,
-                               uint32_t l, uint8_t *good, int64_t blocks)
+/* good[b] = 1 where block b of all arrays of records is; returns how many are not. */
+static uint64_t gather_good(const struct segment_verdict *verdict, uint32_t l, uint8_t *good,
+                            int64_t blocks)
 {
-    const uint32_t n = level->record_count;
-    uint64_t bad = 0;
+    uint64_t lost = 0;
 
-#pragma omp parallel for schedule(dynamic, 4) reduction(+ : bad) if (blocks >= PARALLEL_BLOCKS)
     for (int64_t b = 0; b < blocks; ++b) {
-        const uint32_t first = (uint32_t)b * SEGMENT_BLOCK_RECORDS;
-        const uint32_t last = n - first < SEGMENT_BLOCK_RECORDS ? n : first + SEGMENT_BLOCK_RECORDS;
-        bool ok = true;
+        good[b] = 1;
         for (size_t a = 0; a < RECORD_ARRAYS; ++a) {
-            ok = block_is_intact(r, &r->table.at[record_arrays[a].type][l], (uint64_t)b) && ok;
+            if (verdict->bad[record_arrays[a].type][l][b] != 0) good[b] = 0;
         }
-        good[b] = ok && records_are_valid(level, first, last);
-        bad += !good[b];
+        lost += !good[b];
     }
-    return bad;
+    return lost;
 }
 
 /* Copies of the good blocks take the place of the mapped arrays. */
@@ -119,8 +68,8 @@ static kl_status salvage(struct segment *out, uint32_t l, const uint8_t *good, i
 }
 
 /* The record arrays of level l, without what is damaged. */
-static kl_status take_records(const struct reader *r, uint32_t l, struct segment *out,
-                              struct kl_err *err)
+static kl_status take_records(const struct segment_reader *r, const struct segment_verdict *verdict,
+                              uint32_t l, struct segment *out, struct kl_err *err)
 {
     struct kl_level_arrays *level = &out->levels[l];
     const uint64_t count = r->table.at[record_arrays[0].type][l].count;
@@ -139,7 +88,7 @@ static kl_status take_records(const struct reader *r, uint32_t l, struct segment
     const int64_t blocks = (int64_t)((count + SEGMENT_BLOCK_RECORDS - 1) / SEGMENT_BLOCK_RECORDS);
     kl_status st = kl_alloc_array(&good, (size_t)blocks, 1, err);
     if (st != KL_OK) return st;
-    const uint64_t bad = verify_records(r, level, l, good, blocks);
+    const uint64_t bad = gather_good(verdict, l, good, blocks);
     out->damage.blocks += bad;
     if (bad > 0) st = salvage(out, l, good, blocks, err);
     free(good);
@@ -147,8 +96,8 @@ static kl_status take_records(const struct reader *r, uint32_t l, struct segment
 }
 
 /* The octree of level l, or none where anything in it or in the records is damaged. */
-static kl_status take_octree(const struct reader *r, uint32_t l, struct segment *out,
-                             struct kl_err *err)
+static kl_status take_octree(const struct segment_reader *r, const struct segment_verdict *verdict,
+                             uint32_t l, struct segment *out, struct kl_err *err)
 {
     const struct segment_section *octree = &r->table.at[SECTION_OCTREE][l];
     const struct segment_section *slots = &r->table.at[SECTION_SLOTS][l];
@@ -161,7 +110,9 @@ static kl_status take_octree(const struct reader *r, uint32_t l, struct segment 
         rows->offset == 0) {
         return kl_fail(err, KL_ERR_CORRUPT, "parts of an octree");
     }
-    const uint64_t bad = count_bad(r, octree) + count_bad(r, slots) + count_bad(r, rows);
+    const uint64_t bad = segment_verdict_count_bad(verdict, octree, SECTION_OCTREE, l) +
+                         segment_verdict_count_bad(verdict, slots, SECTION_SLOTS, l) +
+                         segment_verdict_count_bad(verdict, rows, SECTION_ROWS, l);
     out->damage.blocks += bad;
     bool ok = bad == 0 && out->damage.records[l] == 0;
     if (ok) {
@@ -169,7 +120,8 @@ static kl_status take_octree(const struct reader *r, uint32_t l, struct segment 
         level.slots = array_get(r, slots);
         level.rows = array_get(r, rows);
         ok = level.octree.slot_count == slots->count && level.octree.row_size == rows->count &&
-             level.octree.record_count > 0 && octree_validate(&level, &complaint) == KL_OK;
+             level.octree.record_count > 0 && octree_check_header(&level, &complaint) == KL_OK &&
+             verdict->index_is_sound[l];
     }
     if (ok) {
         out->levels[l] = level;
@@ -181,8 +133,8 @@ static kl_status take_octree(const struct reader *r, uint32_t l, struct segment 
 
 /* When the records of level l were first written. Numbers mean nothing once records are left out.
  */
-static kl_status take_births(const struct reader *r, uint32_t l, struct segment *out,
-                             struct kl_err *err)
+static kl_status take_births(const struct segment_reader *r, const struct segment_verdict *verdict,
+                             uint32_t l, struct segment *out, struct kl_err *err)
 {
     const struct segment_section *section = &r->table.at[SECTION_BIRTHS][l];
 
@@ -190,13 +142,15 @@ static kl_status take_births(const struct reader *r, uint32_t l, struct segment 
     if (section->count != r->table.at[record_arrays[0].type][l].count) {
         return kl_fail(err, KL_ERR_CORRUPT, "births of %" PRIu64 " records", section->count);
     }
-    const uint64_t bad = count_bad(r, section);
+    const uint64_t bad = segment_verdict_count_bad(verdict, section, SECTION_BIRTHS, l);
     out->damage.blocks += bad;
     if (bad == 0 && out->damage.records[l] == 0) out->births[l] = array_get(r, section);
     return KL_OK;
 }
 
-static kl_status take_superseded(const struct reader *r, struct segment *out, struct kl_err *err)
+static kl_status take_superseded(const struct segment_reader *r,
+                                 const struct segment_verdict *verdict, struct segment *out,
+                                 struct kl_err *err)
 {
     const struct segment_section *section = &r->table.at[SECTION_SUPERSEDED][0];
 
@@ -204,7 +158,7 @@ static kl_status take_superseded(const struct reader *r, struct segment *out, st
     if (out->id.kind != SEGMENT_BASE) {
         return kl_fail(err, KL_ERR_CORRUPT, "a delta cannot supersede");
     }
-    const uint64_t bad = count_bad(r, section);
+    const uint64_t bad = segment_verdict_count_bad(verdict, section, SECTION_SUPERSEDED, 0);
     out->damage.blocks += bad;
     if (bad > 0) return KL_OK;
     out->superseded = array_get(r, section);
@@ -212,13 +166,14 @@ static kl_status take_superseded(const struct reader *r, struct segment *out, st
     return KL_OK;
 }
 
-static void take_parts(const struct reader *r, struct segment *out)
+static void take_parts(const struct segment_reader *r, const struct segment_verdict *verdict,
+                       struct segment *out)
 {
     const struct segment_section *section = &r->table.at[SECTION_PARTS][0];
     struct kl_err complaint;
 
     if (section->count == 0) return;
-    const uint64_t bad = count_bad(r, section);
+    const uint64_t bad = segment_verdict_count_bad(verdict, section, SECTION_PARTS, 0);
     if (bad > 0 || parts_validate(array_get(r, section), (uint32_t)section->count, &complaint)) {
         out->damage.blocks += bad > 0 ? bad : 1;
         return;
@@ -227,37 +182,44 @@ static void take_parts(const struct reader *r, struct segment *out)
     out->part_count = (uint32_t)section->count;
 }
 
+static void take_identity(const struct segment_reader *r, struct segment *out)
+{
+    out->data = r->data;
+    out->size = r->size;
+    out->id.kind = read_u32(r->head.at + HDR_KIND);
+    out->id.generation = read_u64(r->head.at + HDR_GENERATION);
+    out->id.hash = read_u64(r->head.at + r->head.size - 8);
+    out->damage.headers = r->head.is_damaged;
+    memcpy(out->key.scene, r->head.at + HDR_SCENE, KL_DIGEST_SIZE);
+    memcpy(out->key.settings, r->head.at + HDR_SETTINGS, KL_DIGEST_SIZE);
+    memcpy(out->key.origin, r->head.at + HDR_ORIGIN, sizeof out->key.origin);
+    memcpy(out->program, r->head.at + HDR_PROGRAM, HDR_PROGRAM_SIZE);
+    segment_id_format(&out->id, out->name);
+}
+
 kl_status segment_parse(const void *data, size_t size, const struct segment_id *id, bool trust,
                         struct segment *out, struct kl_err *err)
 {
-    struct reader r = {.data = data, .size = size, .trust = trust};
+    struct segment_reader r = {.data = data, .size = size, .trust = trust};
+    struct segment_verdict verdict = {0};
 
     memset(out, 0, sizeof *out);
-    kl_status st = segment_head_read(r.data, size, id, trust, &r.head, err);
+    kl_status st = segment_head_read(r.data, r.size, id, r.trust, &r.head, err);
     if (st == KL_OK) st = segment_head_sections(&r.head, &r.table, err);
+    if (st == KL_OK) st = segment_verify(&r, &verdict, err);
     if (st != KL_OK) return st;
-    out->data = data;
-    out->size = size;
-    out->id.kind = read_u32(r.head.at + HDR_KIND);
-    out->id.generation = read_u64(r.head.at + HDR_GENERATION);
-    out->id.hash = read_u64(r.head.at + r.head.size - 8);
-    out->damage.headers = r.head.is_damaged;
-    memcpy(out->key.scene, r.head.at + HDR_SCENE, KL_DIGEST_SIZE);
-    memcpy(out->key.settings, r.head.at + HDR_SETTINGS, KL_DIGEST_SIZE);
-    memcpy(out->key.origin, r.head.at + HDR_ORIGIN, sizeof out->key.origin);
-    memcpy(out->program, r.head.at + HDR_PROGRAM, HDR_PROGRAM_SIZE);
-    segment_id_format(&out->id, out->name);
-    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        st = take_records(&r, l, out, err);
-        if (st == KL_OK) st = take_octree(&r, l, out, err);
-        if (st == KL_OK) st = take_births(&r, l, out, err);
-        if (st != KL_OK) {
-            segment_fini(out);
-            return kl_wrap(err, "level %u", l);
-        }
+    take_identity(&r, out);
+    for (uint32_t l = 0; l < KL_CACHE_LEVELS && st == KL_OK; ++l) {
+        st = take_records(&r, &verdict, l, out, err);
+        if (st == KL_OK) st = take_octree(&r, &verdict, l, out, err);
+        if (st == KL_OK) st = take_births(&r, &verdict, l, out, err);
+        if (st != KL_OK) (void)!kl_wrap(err, "level %u", l);
     }
-    take_parts(&r, out);
-    st = take_superseded(&r, out, err);
+    if (st == KL_OK) {
+        take_parts(&r, &verdict, out);
+        st = take_superseded(&r, &verdict, out, err);
+    }
+    segment_verdict_fini(&verdict);
     if (st != KL_OK) segment_fini(out);
     return st;
 }

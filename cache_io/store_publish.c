@@ -29,7 +29,7 @@ static kl_status check_levels(const struct kl_level_arrays *levels, bool with_oc
 {
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
         const struct kl_level_arrays *level = &levels[l];
-        if (!records_are_valid(level, 0, level->record_count)) {
+        if (!records_are_valid(level)) {
             return kl_fail(err, KL_ERR_USAGE, "cache level %u: a record is not sound", l);
         }
         if (!with_octree || level->octree.record_count == 0) continue;

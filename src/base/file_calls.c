@@ -1,4 +1,3 @@
-#define _DEFAULT_SOURCE /* MAP_POPULATE */
 #include "src/base/file_calls.h"
 
 #include <fcntl.h>
@@ -18,12 +17,7 @@ static int stat_file(int fd, struct stat *info)
 
 static void *map_file(size_t size, int fd)
 {
-#ifdef MAP_POPULATE /* every page is about to be read: one call instead of a fault for each */
-    const int flags = MAP_SHARED | MAP_POPULATE;
-#else
-    const int flags = MAP_SHARED;
-#endif
-    return mmap(NULL, size, PROT_READ, flags, fd, 0);
+    return mmap(NULL, size, PROT_READ, MAP_SHARED, fd, 0);
 }
 
 static int unlink_at(int dir_fd, const char *path)

@@ -34,6 +34,7 @@ static void make_record(uint32_t number, uint32_t level, kl_record_hot *hot, kl_
     cold->irr[1] = 2.0f;
     cold->irr[2] = (float)level;
     cold->raw_radius = 0.05f;
+    memset(cold->clearance, 255, sizeof cold->clearance); /* nothing in the way */
 }
 
 struct batch *batch_create(uint32_t first, uint32_t count)

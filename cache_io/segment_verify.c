@@ -1,0 +1,203 @@
+#include "cache_io/segment_verify_impl.h"
+
+#include "src/base/hash.h"
+#include "src/base/memory.h"
+
+#include <stdlib.h>
+
+enum {
+    UNIT_BYTES = 2 << 20, /* that a thread takes at a time */
+    /* Small segments are not worth a team of threads. */
+    PARALLEL_UNITS = 4,
+};
+
+/* Blocks of one section that one thread verifies. */
+struct unit {
+    enum section_type type;
+    uint32_t level;
+    uint64_t first, end;
+    uint64_t places; /* of rows: where they start; of slots: what they name */
+    bool is_sound;   /* of rows */
+};
+
+static uint64_t units_of(const struct segment_section *section, enum section_type type,
+                         uint64_t *step)
+{
+    const uint64_t blocks = section_block_count(section);
+
+    /* Rows begin where the one before ended: one thread walks them all. */
+    *step = type == SECTION_ROWS ? blocks : UNIT_BYTES / section->block_bytes;
+    return blocks == 0 ? 0 : (blocks + *step - 1) / *step;
+}
+
+uint64_t section_block_count(const struct segment_section *section)
+{
+    return section->offset == 0
+               ? 0
+               : (section->bytes + section->block_bytes - 1) / section->block_bytes;
+}
+
+/* The one place that verifies content against checksums. *at: the block; NULL where it is bad. */
+static const unsigned char *block_get(const struct segment_reader *r,
+                                      const struct segment_section *section, uint64_t block,
+                                      size_t *bytes)
+{
+    const uint64_t start = block * section->block_bytes;
+    const uint64_t left = section->bytes - start;
+    const uint64_t offset = section->offset + start;
+
+    *bytes = (size_t)(left < section->block_bytes ? left : section->block_bytes);
+    if (offset > r->size || *bytes > r->size - offset) return NULL; /* cut off */
+    if (r->trust) return r->data + offset;
+    return kl_hash_block(r->data + offset, *bytes) ==
+                   read_u64(r->head.checksums + (section->first_block + block) * 8)
+               ? r->data + offset
+               : NULL;
+}
+
+static void verify_unit(const struct segment_reader *r, uint64_t key, struct unit *unit,
+                        struct segment_verdict *out)
+{
+    const struct segment_section *section = &r->table.at[unit->type][unit->level];
+    uint8_t *bad = out->bad[unit->type][unit->level];
+    struct row_walk walk = {.size = (kl_u32)section->count,
+                            .record_count =
+                                (kl_u32)r->table.at[record_arrays[0].type][unit->level].count,
+                            ROW_WALK_START(key)};
+
+    unit->places = 1;
+    unit->is_sound = section->count >= KL_DIRECTORY_SIZE;
+    for (uint64_t b = unit->first; b < unit->end; ++b) {
+        size_t bytes = 0;
+        const void *at = block_get(r, section, b, &bytes);
+        bad[b] = at == NULL || !record_block_is_sound(unit->type, at, bytes);
+        unit->is_sound = unit->is_sound && bad[b] == 0;
+        if (unit->type == SECTION_SLOTS && bad[b] == 0) {
+            const uint64_t places = slots_places(at, bytes / sizeof(kl_octree_slot), key);
+            unit->places = places_join(unit->places, places);
+        }
+        const kl_u32 end = (kl_u32)((b * section->block_bytes + bytes) / sizeof(kl_u32));
+        if (unit->type == SECTION_ROWS && unit->is_sound && end > KL_DIRECTORY_SIZE) {
+            const void *rows = r->data + section->offset;
+            walk.rows = rows;
+            row_walk_to(&walk, end);
+        }
+    }
+    if (unit->type == SECTION_ROWS) {
+        unit->places = walk.starts;
+        unit->is_sound = unit->is_sound && row_walk_is_done(&walk);
+    }
+}
+
+static bool index_is_sound(const struct unit *units, size_t count, uint32_t level)
+{
+    uint64_t starts = 1;
+    uint64_t named = 1;
+    bool ok = true;
+
+    for (size_t i = 0; i < count; ++i) {
+        if (units[i].level != level) continue;
+        if (units[i].type == SECTION_SLOTS) named = places_join(named, units[i].places);
+        if (units[i].type == SECTION_ROWS) {
+            starts = units[i].places;
+            ok = ok && units[i].is_sound;
+        }
+    }
+    return ok && places_are_equal(starts, named);
+}
+
+/* What is to be done, the longest first. */
+static kl_status list_units(const struct segment_reader *r, struct unit **out, size_t *count,
+                            struct kl_err *err)
+{
+    static const enum section_type order[] = {
+        SECTION_ROWS,   SECTION_HOT,        SECTION_COLD,  SECTION_SLOTS,
+        SECTION_OCTREE, SECTION_SUPERSEDED, SECTION_PARTS, SECTION_BIRTHS,
+    };
+    uint64_t total = 0;
+    uint64_t step = 0;
+
+    for (size_t t = 0; t < sizeof order / sizeof *order; ++t) {
+        for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l)
+            total += units_of(&r->table.at[order[t]][l], order[t], &step);
+    }
+    *count = 0;
+    kl_status st = kl_alloc_array(out, (size_t)total, sizeof **out, err);
+    if (st != KL_OK) return st;
+    for (size_t t = 0; t < sizeof order / sizeof *order; ++t) {
+        for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
+            const struct segment_section *section = &r->table.at[order[t]][l];
+            const uint64_t blocks = section_block_count(section);
+            const uint64_t n = units_of(section, order[t], &step);
+            for (uint64_t u = 0; u < n; ++u) {
+                const uint64_t end = (u + 1) * step < blocks ? (u + 1) * step : blocks;
+                (*out)[(*count)++] =
+                    (struct unit){.type = order[t], .level = l, .first = u * step, .end = end};
+            }
+        }
+    }
+    return KL_OK;
+}
+
+static kl_status allocate(const struct segment_reader *r, struct segment_verdict *out,
+                          struct kl_err *err)
+{
+    uint64_t blocks = 0;
+
+    for (uint32_t t = 0; t < SECTION_TYPES; ++t) {
+        for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l)
+            blocks += section_block_count(&r->table.at[t][l]);
+    }
+    kl_status st = kl_alloc_array(&out->storage, (size_t)blocks, 1, err);
+    uint8_t *at = out->storage;
+    for (uint32_t t = 0; t < SECTION_TYPES && st == KL_OK; ++t) {
+        for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
+            const uint64_t n = section_block_count(&r->table.at[t][l]);
+            if (n > 0) out->bad[t][l] = at;
+            at += n;
+        }
+    }
+    return st;
+}
+
+kl_status segment_verify(const struct segment_reader *reader, struct segment_verdict *out,
+                         struct kl_err *err)
+{
+    const uint64_t key = place_key_make();
+    struct unit *units = NULL;
+    size_t count = 0;
+
+    *out = (struct segment_verdict){0};
+    kl_status st = allocate(reader, out, err);
+    if (st == KL_OK) st = list_units(reader, &units, &count, err);
+    if (st != KL_OK) {
+        segment_verdict_fini(out);
+        return st;
+    }
+#pragma omp parallel for schedule(dynamic, 1) if (count >= PARALLEL_UNITS)
+    for (size_t i = 0; i < count; ++i) {
+        verify_unit(reader, key, &units[i], out);
+    }
+    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l)
+        out->index_is_sound[l] = index_is_sound(units, count, l);
+    free(units);
+    return KL_OK;
+}
+
+uint64_t segment_verdict_count_bad(const struct segment_verdict *verdict,
+                                   const struct segment_section *section, enum section_type type,
+                                   uint32_t level)
+{
+    const uint64_t blocks = section_block_count(section);
+    uint64_t bad = 0;
+
+    for (uint64_t b = 0; b < blocks; ++b)
+        bad += verdict->bad[type][level][b];
+    return bad;
+}
+
+void segment_verdict_fini(struct segment_verdict *verdict)
+{
+    free(verdict->storage);
+    *verdict = (struct segment_verdict){0};
+}
