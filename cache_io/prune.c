@@ -1,9 +1,11 @@
 #include "cache_io/store_impl.h"
 #include "cache_io/upkeep.h"
+#include "cache_io/use.h"
 #include "src/base/hash.h"
 #include "src/base/memory.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 /* What decides who goes first: least goes last. */
 struct rank {
@@ -15,7 +17,9 @@ struct judge {
     const struct kl_store_prune *what;
     double origin[3];
     uint32_t generation;
-    struct rank *ranks; /* of all records; NULL: not asked for */
+    const struct kl_use *use; /* NULL: not asked for */
+    uint64_t judged;          /* records born later have had no chance to be used */
+    struct rank *ranks;       /* of all records; NULL: not asked for */
     size_t rank_count;
     struct rank last; /* that stays */
 };
@@ -58,6 +62,9 @@ static bool stays(void *context, uint32_t level, const kl_record_hot *hot,
     const struct kl_store_prune *what = j->what;
 
     if (what->older_than > 0 && rank_of(j, hot, cold, birth).age > what->older_than) return false;
+    if (j->use != NULL && level == 0 && birth <= j->judged && !kl_use_has(j->use, hot)) {
+        return false;
+    }
     if (what->has_inside && is_in_box(j, what->inside, hot)) return false;
     if (what->has_outside && !is_in_box(j, what->outside, hot)) return false;
     return what->keep == NULL || what->keep(what->keep_context, level, hot, cold, birth);
@@ -126,6 +133,28 @@ static kl_status shrink(struct kl_records *records, struct judge *j, uint64_t ro
     return KL_OK;
 }
 
+/* What is known of use, and of whom it says anything. */
+static kl_status load_use(const struct kl_store *store, const struct kl_store_prune *what,
+                          struct kl_use **out, uint64_t *judged, struct kl_store_pruned *pruned,
+                          struct kl_err *err)
+{
+    struct kl_use_summary sum;
+    kl_status st = kl_use_load(store, what->unused_for, out, err);
+
+    if (st != KL_OK) return st;
+    kl_use_get_summary(*out, &sum);
+    pruned->damaged_uses = sum.damaged;
+    memcpy(pruned->complaint, sum.complaint, sizeof pruned->complaint);
+    if (sum.files == 0) {
+        return kl_fail(err, KL_ERR_INPUT,
+                       "no render has told what it used%s: nothing can be said to be unused",
+                       what->unused_for > 0 ? " in this time" : "");
+    }
+    *judged = sum.generation;
+    if (what->unused_for > 0 && sum.earlier < *judged) *judged = sum.earlier;
+    return KL_OK;
+}
+
 static kl_status prune(struct kl_store *store, struct kl_records *records,
                        const struct kl_store_prune *what, struct kl_store_pruned *out,
                        struct kl_err *err)
@@ -140,8 +169,17 @@ static kl_status prune(struct kl_store *store, struct kl_records *records,
     kl_store_key_get(store, &key);
     for (int k = 0; k < 3; ++k)
         j.origin[k] = key.origin[k];
+    struct kl_use *use = NULL;
+    if (what->unused) st = load_use(store, what, &use, &j.judged, out, err);
+    if (st != KL_OK) {
+        kl_use_destroy(use);
+        return st;
+    }
+    j.use = use;
     const uint64_t before = count_records(records);
     kl_records_select(records, stays, &j);
+    kl_use_destroy(use);
+    j.use = NULL;
     if (what->max_bytes > 0 && before > 0) {
         /* As large as they are now, index included: a base that is not indexed yet is smaller. */
         const double each = (double)kl_store_bytes(store) / (double)before;

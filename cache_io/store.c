@@ -2,6 +2,7 @@
 #include "cache_io/store.h"
 
 #include "cache_io/store_impl.h"
+#include "cache_io/use_impl.h"
 #include "src/base/file.h"
 #include "src/base/file_calls.h"
 #include "src/base/memory.h"
@@ -34,10 +35,11 @@ struct removal {
     struct id_list segments;
 };
 
-static kl_status remove_temp(void *context, const char *name, struct kl_err *err)
+static kl_status remove_other(void *context, const char *name, struct kl_err *err)
 {
     struct removal *r = context;
     struct segment_id id;
+    uint64_t use = 0;
 
     if (segment_id_parse(name, &id)) {
         kl_status st = kl_grow_array(&r->segments.ids, &r->segments.capacity, r->segments.count + 1,
@@ -45,7 +47,8 @@ static kl_status remove_temp(void *context, const char *name, struct kl_err *err
         if (st == KL_OK) r->segments.ids[r->segments.count++] = id;
         return st;
     }
-    if (!segment_is_temp(name)) return KL_OK;
+    /* Generations begin anew: what renders told of the old ones would be taken for the new. */
+    if (!segment_is_temp(name) && !use_name_parse(name, &use) && !use_is_temp(name)) return KL_OK;
     if (kl_file_calls->unlink_at(r->dir_fd, name) == 0 || errno == ENOENT) return KL_OK;
     return kl_fail_errno(err, "remove %s", name);
 }
@@ -64,7 +67,7 @@ static int compare_removal(const void *a, const void *b)
 static kl_status remove_all(int dir_fd, struct kl_err *err)
 {
     struct removal r = {.dir_fd = dir_fd};
-    kl_status st = store_for_each_name(dir_fd, remove_temp, &r, err);
+    kl_status st = store_for_each_name(dir_fd, remove_other, &r, err);
 
     if (r.segments.count > 1) {
         qsort(r.segments.ids, r.segments.count, sizeof *r.segments.ids, compare_removal);

@@ -1,6 +1,7 @@
 /* Writing to a store: batches, and bases that take the place of others. */
 #include "cache_io/records.h"
 #include "cache_io/store_impl.h"
+#include "cache_io/use_impl.h"
 #include "src/base/file.h"
 #include "src/base/file_calls.h"
 #include "src/base/memory.h"
@@ -85,7 +86,9 @@ static kl_status sweep_temp(void *context, const char *name, struct kl_err *err)
 
     (void)err;
     const char *bare = name[0] == '.' ? name + 1 : name;
-    if (!segment_is_temp(name) && strncmp(bare, "claim-", 6) != 0) return KL_OK;
+    if (!segment_is_temp(name) && !use_is_temp(name) && strncmp(bare, "claim-", 6) != 0) {
+        return KL_OK;
+    }
     const int fd = kl_file_open_at(store->dir_fd, name, O_RDONLY);
     if (fd < 0) return KL_OK;
     const bool known =

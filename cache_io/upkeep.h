@@ -31,12 +31,19 @@ struct kl_store_prune {
     uint32_t older_than; /* records first written more than this many generations ago; 0: none */
     bool has_inside, has_outside;       /* records inside, outside a box */
     double inside[2][3], outside[2][3]; /* [m] world: least and largest corner */
+    /* Records of level 0 that no render has told to have used (cache_io/use.h): ever, or for so
+     * long [s] (0: ever). Those that came after the last render that told stay, and with
+     * `unused_for` what may be younger. KL_ERR_INPUT: no render has told anything in that time. */
+    bool unused;
+    int64_t unused_for;
     uint64_t max_bytes; /* then the oldest, of these the worst, until the rest fits; 0: any size */
     kl_records_keep_fn keep; /* then those for which this says no; NULL: none */
     void *keep_context;
 };
 struct kl_store_pruned {
     uint64_t kept, dropped;
+    uint64_t damaged_uses; /* files of use that were ignored */
+    char complaint[256];   /* about the first; "": none */
 };
 /* Drop records, publish the rest as one base (nothing is written where none goes). */
 kl_status kl_store_prune(const char *dir, const struct kl_store_prune *what,

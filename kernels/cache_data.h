@@ -87,7 +87,22 @@ typedef struct kl_level_view {
     const KL_GLOBAL kl_record_cold *cold;
     const KL_GLOBAL kl_octree_slot *slots;
     const KL_GLOBAL kl_u32 *rows;
+#if !KL_DEVICE
+    kl_u8 *used; /* a byte a record, 1 once it has served; NULL: nobody asks */
+#endif
 } kl_level_view;
+
+/* Record i has served. Many threads may say so at once. */
+#if KL_DEVICE
+#define KL_NOTE_USE(view, i)
+#else
+static inline void kl_level_note_use(const kl_level_view *view, kl_u32 i)
+{
+    if (view->used == 0 || __atomic_load_n(&view->used[i], __ATOMIC_RELAXED) != 0) return;
+    __atomic_store_n(&view->used[i], (kl_u8)1, __ATOMIC_RELAXED);
+}
+#define KL_NOTE_USE(view, i) kl_level_note_use(view, i)
+#endif
 
 #if !KL_DEVICE
 /* All arrays of one level, borrowed: from a store (mapped, not copied) or from a cache. */

@@ -228,6 +228,7 @@ KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl
     a->weight += w;
     a->best = kl_fmax(a->best, w);
     a->shares += share;
+    KL_NOTE_USE(c, i);
 }
 
 /* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is

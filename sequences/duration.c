@@ -7,7 +7,7 @@ kl_status kl_duration_parse(const char *text, double *out, struct kl_err *err)
     static const struct {
         const char *name;
         double seconds;
-    } units[] = {{"h", 3600.0}, {"m", 60.0}, {"s", 1.0}};
+    } units[] = {{"d", 86400.0}, {"h", 3600.0}, {"m", 60.0}, {"s", 1.0}};
     enum { UNITS = sizeof units / sizeof units[0] };
     struct text t = text_start("duration", text);
     double total = 0.0;
@@ -22,7 +22,7 @@ kl_status kl_duration_parse(const char *text, double *out, struct kl_err *err)
         while (unit < UNITS && !text_take(&t, units[unit].name))
             ++unit;
         if (unit == UNITS && (!is_first || !text_is_at_end(&t))) {
-            return text_fail(&t, "h, m or s, in this order", err);
+            return text_fail(&t, "d, h, m or s, in this order", err);
         }
         total += value * (unit < UNITS ? units[unit].seconds : 1.0);
         next = unit + 1;

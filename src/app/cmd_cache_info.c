@@ -1,8 +1,10 @@
 /* cache info: what a cache holds, segment by segment: who wrote them, when, and with what. Who and
  * when are what the file system says. */
 #include "cache_io/store.h"
+#include "cache_io/use.h"
 #include "src/app/cache_stores.h"
 #include "src/app/commands.h"
+#include "src/app/exit_code.h"
 #include "src/app/json_text.h"
 #include "src/base/hash.h"
 
@@ -22,15 +24,25 @@ struct summary {
     uint64_t segments, bytes, generation, damaged, stores;
     double box_min[3], box_max[3]; /* [m] world; empty while there is no record */
     uint32_t oldest;               /* generation that the oldest record was first written in */
+    uint64_t renders, used;        /* files that tell of use; records of level 0 that were used */
+    uint64_t use_generation;       /* the largest that one of them saw */
+    int64_t last_use;              /* [s since 1970] */
     json_t *history;               /* segments */
 };
+
+static void format_time(int64_t seconds, char when[32])
+{
+    const time_t time = (time_t)seconds;
+    struct tm utc;
+
+    if (gmtime_r(&time, &utc) != NULL) (void)strftime(when, 32, "%Y-%m-%dT%H:%M:%SZ", &utc);
+}
 
 /* Owner and time of last change of a segment's file; "?" where the system does not say. */
 static void find_origin(const char *dir, const char *name, char who[64], char when[32])
 {
     char path[4096];
     struct stat info;
-    struct tm utc;
 
     (void)snprintf(who, 64, "?");
     (void)snprintf(when, 32, "?");
@@ -43,9 +55,7 @@ static void find_origin(const char *dir, const char *name, char who[64], char wh
     } else {
         (void)snprintf(who, 64, "%lu", (unsigned long)info.st_uid);
     }
-    if (gmtime_r(&info.st_mtime, &utc) != NULL) {
-        (void)strftime(when, 32, "%Y-%m-%dT%H:%M:%SZ", &utc);
-    }
+    format_time((int64_t)info.st_mtime, when);
 }
 
 static json_t *describe_segment(const char *dir, const struct kl_store_segment_info *info)
@@ -88,6 +98,34 @@ static void add_box(struct summary *s, const struct kl_level_arrays *level, cons
     }
 }
 
+/* What renders have told of use. */
+static kl_status add_use(struct summary *s, const char *path, const struct kl_store *store,
+                         struct kl_err *err)
+{
+    struct kl_use *use = NULL;
+    struct kl_use_summary sum;
+    kl_status st = kl_use_load(store, 0, &use, err);
+
+    if (st != KL_OK) return st;
+    kl_use_get_summary(use, &sum);
+    s->renders += sum.files;
+    if (sum.generation > s->use_generation) s->use_generation = sum.generation;
+    if (sum.newest > s->last_use) s->last_use = sum.newest;
+    for (size_t i = 0; sum.files > 0 && i < kl_store_segment_count(store); ++i) {
+        struct kl_level_arrays levels[KL_CACHE_LEVELS];
+        kl_store_segment_get(store, i, NULL, levels);
+        for (uint32_t r = 0; r < levels[0].record_count; ++r)
+            s->used += kl_use_has(use, &levels[0].hot[r]);
+    }
+    if (sum.damaged > 0) {
+        char line[4096 + 320];
+        (void)snprintf(line, sizeof line, "%s: a file of use is ignored: %s", path, sum.complaint);
+        kl_say_warning(NULL, line);
+    }
+    kl_use_destroy(use);
+    return KL_OK;
+}
+
 static void add_summary(struct summary *s, const char *path, const struct kl_store *store)
 {
     kl_store_key_get(store, &s->key);
@@ -125,6 +163,7 @@ static kl_status summarise(const char *dir, struct summary *out, struct kl_err *
         st = kl_store_open(stores.paths[i], KL_STORE_READ, NULL, &store, err);
         if (st != KL_OK) break;
         add_summary(&s, stores.paths[i], store);
+        st = add_use(&s, stores.paths[i], store, err);
         kl_store_close(store);
     }
     kl_cache_stores_fini(&stores);
@@ -145,6 +184,18 @@ static uint64_t total_records(const struct summary *s)
     return sum;
 }
 
+/* NULL in JSON where no render has told. */
+static json_t *describe_use(const struct summary *s)
+{
+    char when[32] = "?";
+
+    if (s->renders == 0) return json_null();
+    format_time(s->last_use, when);
+    return json_pack("{s:I,s:I,s:I,s:s}", "files", (json_int_t)s->renders, "records",
+                     (json_int_t)s->used, "generation", (json_int_t)s->use_generation, "last",
+                     when);
+}
+
 /* Takes s->history. */
 static json_t *describe(const char *dir, const struct summary *s)
 {
@@ -162,13 +213,14 @@ static json_t *describe(const char *dir, const struct summary *s)
     }
     kl_hash_to_hex(s->key.scene, KL_DIGEST_SIZE, scene);
     kl_hash_to_hex(s->key.settings, KL_DIGEST_SIZE, settings);
-    return json_pack("{s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:s,s:s,s:o,s:o,s:[fff],s:o}", "path", dir,
-                     "records", (json_int_t)total_records(s), "segments", (json_int_t)s->segments,
-                     "bytes", (json_int_t)s->bytes, "generation", (json_int_t)s->generation,
-                     "oldest", (json_int_t)(total_records(s) > 0 ? s->oldest : 0), "damaged",
-                     (json_int_t)s->damaged, "stores", (json_int_t)s->stores, "scene_digest", scene,
-                     "settings_digest", settings, "levels", levels, "box", box, "origin",
-                     s->key.origin[0], s->key.origin[1], s->key.origin[2], "history", s->history);
+    return json_pack(
+        "{s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:s,s:s,s:o,s:o,s:[fff],s:o,s:o}", "path", dir, "records",
+        (json_int_t)total_records(s), "segments", (json_int_t)s->segments, "bytes",
+        (json_int_t)s->bytes, "generation", (json_int_t)s->generation, "oldest",
+        (json_int_t)(total_records(s) > 0 ? s->oldest : 0), "damaged", (json_int_t)s->damaged,
+        "stores", (json_int_t)s->stores, "scene_digest", scene, "settings_digest", settings,
+        "levels", levels, "box", box, "origin", s->key.origin[0], s->key.origin[1],
+        s->key.origin[2], "use", describe_use(s), "history", s->history);
 }
 
 static void print_history(const json_t *history)
@@ -202,6 +254,12 @@ static void print_text(const char *dir, const struct summary *s)
     (void)printf("bytes       %llu\n", (unsigned long long)s->bytes);
     (void)printf("generation  %llu, oldest records of %lu\n", (unsigned long long)s->generation,
                  (unsigned long)(total_records(s) > 0 ? s->oldest : 0));
+    if (s->renders > 0) {
+        char when[32] = "?";
+        format_time(s->last_use, when);
+        (void)printf("used        %llu of %llu seen records, last %s\n",
+                     (unsigned long long)s->used, (unsigned long long)s->records[0], when);
+    }
     if (s->stores > 1) {
         (void)printf("instants    %llu\n", (unsigned long long)s->stores);
     }

@@ -1,11 +1,13 @@
-/* cache prune: drop records by age, place or size. */
+/* cache prune: drop records by age, use, place or size. */
 #include "cache_io/upkeep.h"
 #include "src/app/cache_stores.h"
 #include "src/app/commands.h"
+#include "src/app/exit_code.h"
 #include "src/app/json_text.h"
 #include "src/app/option_text.h"
 
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
 
 static kl_status read_request(const struct kl_options *o, struct kl_store_prune *out,
@@ -15,6 +17,8 @@ static kl_status read_request(const struct kl_options *o, struct kl_store_prune 
 
     *out = (struct kl_store_prune){.older_than = o->older_than,
                                    .max_bytes = o->max_bytes,
+                                   .unused = o->unused || o->unused_for > 0.0,
+                                   .unused_for = (int64_t)ceil(o->unused_for),
                                    .has_inside = o->inside != NULL,
                                    .has_outside = o->outside != NULL};
     if (out->has_inside) st = kl_option_read_box("inside", o->inside, out->inside, err);
@@ -22,9 +26,9 @@ static kl_status read_request(const struct kl_options *o, struct kl_store_prune 
         st = kl_option_read_box("outside", o->outside, out->outside, err);
     }
     if (st == KL_OK && out->older_than == 0 && out->max_bytes == 0 && !out->has_inside &&
-        !out->has_outside) {
+        !out->has_outside && !out->unused) {
         st = kl_fail(err, KL_ERR_USAGE,
-                     "cache prune: expected what to drop: --older-than, "
+                     "cache prune: expected what to drop: --older-than, --unused, --unused-for, "
                      "--inside, --outside or --max-bytes");
     }
     return st;
@@ -48,6 +52,12 @@ static kl_status prune_cache(const char *path, const struct kl_store_prune *requ
         if (st != KL_OK) break;
         sum->kept += pruned.kept;
         sum->dropped += pruned.dropped;
+        if (pruned.damaged_uses > 0) {
+            char line[4096 + 320];
+            (void)snprintf(line, sizeof line, "%s: a file of use is ignored: %s", stores.paths[i],
+                           pruned.complaint);
+            kl_say_warning(NULL, line);
+        }
     }
     kl_cache_stores_fini(&stores);
     return st;

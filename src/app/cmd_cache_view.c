@@ -57,6 +57,7 @@ static kl_vec3 color_of(const struct picture *p, const struct kl_record_item *r)
     if (by == KL_VIEW_BY_ERROR) {
         return color_of_share(kl_half_to_float(r->cold.error_spacing & 0xffffu) / full_error);
     }
+    if (by == KL_VIEW_BY_USE) return r->used ? seen : world;
     return r->level == 0 ? seen : world;
 }
 

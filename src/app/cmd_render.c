@@ -125,6 +125,7 @@ static kl_status render_frame(struct run *run, size_t i, struct kl_report_frame 
         .time_count = job->shutter_times != NULL ? KL_SHUTTER_TIMES : 0,
         .frame = kl_rig_sample_number(job->rig, job->frames[i].frame),
         .spp = job->options->spp,
+        .note_use = true,
         .progress = note_render,
         .progress_context = &job->progress};
     char fingerprint[KL_FINGERPRINT_SIZE];

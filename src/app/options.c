@@ -54,6 +54,8 @@ enum option_id {
     OPT_MAX_DIFFERENCE,
     OPT_BY,
     OPT_OLDER_THAN,
+    OPT_UNUSED,
+    OPT_UNUSED_FOR,
     OPT_MAX_BYTES,
     OPT_INSIDE,
     OPT_OUTSIDE,
@@ -199,7 +201,7 @@ static const struct poptOption diff_options[] = {
 };
 static const struct poptOption view_options[] = {
     TEXT("reduce", OPT_REDUCE, "Draw radii N times smaller (default: 4)", "N"),
-    TEXT("by", OPT_BY, "Colour: level, age, error or late (default: level)", "WHAT"),
+    TEXT("by", OPT_BY, "Colour: level, age, error, use or late (default: level)", "WHAT"),
     SCENE_OPTIONS,
     TEXT("frames", OPT_FRAMES, "The frame to draw over; of a list, the first", "N"),
     TEXT("fps", OPT_FPS, "Frames a second; frame f is the instant f/fps (default: 24)", "RATE"),
@@ -214,6 +216,9 @@ static const struct poptOption view_options[] = {
 };
 static const struct poptOption prune_options[] = {
     TEXT("older-than", OPT_OLDER_THAN, "Records first kept more than N generations ago", "N"),
+    FLAG("unused", OPT_UNUSED, "Records that no render has used, as far as they told"),
+    TEXT("unused-for", OPT_UNUSED_FOR, "Records that no render has used for so long, as 30d",
+         "TIME"),
     TEXT("inside", OPT_INSIDE, "Records inside a box: two corners in metres", "X,Y,Z,X,Y,Z"),
     TEXT("outside", OPT_OUTSIDE, "Records outside a box", "X,Y,Z,X,Y,Z"),
     TEXT("max-bytes", OPT_MAX_BYTES, "The oldest and worst, until N bytes are left; K, M, G", "N"),
@@ -250,11 +255,8 @@ static const struct kl_option_word indirects[] = {
     {NULL, 0},
 };
 static const struct kl_option_word views[] = {
-    {"level", KL_VIEW_BY_LEVEL},
-    {"age", KL_VIEW_BY_AGE},
-    {"error", KL_VIEW_BY_ERROR},
-    {"late", KL_VIEW_BY_LATE},
-    {NULL, 0},
+    {"level", KL_VIEW_BY_LEVEL}, {"age", KL_VIEW_BY_AGE}, {"error", KL_VIEW_BY_ERROR},
+    {"late", KL_VIEW_BY_LATE},   {"use", KL_VIEW_BY_USE}, {NULL, 0},
 };
 static const struct kl_option_word progress_modes[] = {
     {"auto", KL_PROGRESS_AUTO},
@@ -333,6 +335,7 @@ static void set_flag(struct kl_options *o, int id)
     if (id == OPT_PNG) o->png = true;
     if (id == OPT_OVERWRITE) o->overwrite = true;
     if (id == OPT_REPAIR) o->repair = true;
+    if (id == OPT_UNUSED) o->unused = true;
 }
 
 /* "96" or "camera:96": the camera goes round; "object", "object:96": the object turns. */
@@ -379,6 +382,8 @@ static kl_status set_number(struct kl_options *o, int id, const char *text, stru
         return kl_option_read_u32("columns", text, 1, 1000, &o->columns, err);
     case OPT_OLDER_THAN:
         return kl_option_read_u32("older-than", text, 1, UINT32_MAX, &o->older_than, err);
+    case OPT_UNUSED_FOR:
+        return kl_duration_parse(text, &o->unused_for, err);
     case OPT_MAX_BYTES:
         return kl_option_read_bytes("max-bytes", text, &o->max_bytes, err);
     case OPT_REDUCE:
@@ -447,6 +452,7 @@ static kl_status set_option(struct kl_options *o, int id, const char *text, stru
     case OPT_OVERWRITE:
     case OPT_RESUME:
     case OPT_REPAIR:
+    case OPT_UNUSED:
         set_flag(o, id);
         return KL_OK;
     default:

@@ -35,6 +35,7 @@ enum kl_view_by {
     KL_VIEW_BY_AGE,
     KL_VIEW_BY_ERROR,
     KL_VIEW_BY_LATE,
+    KL_VIEW_BY_USE,
 };
 
 /* Defaults are filled in. Strings are owned; NULL: not given. */
@@ -76,7 +77,9 @@ struct kl_options {
     size_t reference_at; /* arguments that came before --reference */
     bool repair;
     char *output;
-    uint32_t older_than;         /* generations, 0: any age */
+    uint32_t older_than; /* generations, 0: any age */
+    bool unused;
+    double unused_for;           /* [s], 0: not asked */
     uint64_t max_bytes;          /* 0: any size */
     char *inside, *outside;      /* boxes: x,y,z,x,y,z */
     double mask_above, exposure; /* [nit], 0: no mask; [stops] */

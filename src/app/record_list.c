@@ -1,6 +1,7 @@
 #include "src/app/record_list.h"
 
 #include "cache_io/records.h"
+#include "cache_io/use.h"
 #include "src/app/cache_stores.h"
 #include "src/base/memory.h"
 
@@ -8,7 +9,7 @@
 #include <string.h>
 
 static kl_status add_records(struct kl_record_list *list, const struct kl_records *records,
-                             const double origin[3], struct kl_err *err)
+                             const struct kl_use *use, const double origin[3], struct kl_err *err)
 {
     struct kl_level_arrays levels[KL_CACHE_LEVELS];
     kl_status st = KL_OK;
@@ -25,6 +26,7 @@ static kl_status add_records(struct kl_record_list *list, const struct kl_record
                                             .cold = levels[l].cold[i],
                                             .level = l,
                                             .born = births[i],
+                                            .used = l == 0 && kl_use_has(use, &levels[l].hot[i]),
                                             .instant = (uint32_t)list->instant_count};
             for (int k = 0; k < 3; ++k) {
                 item->pos[k] = origin[k] + (double)levels[l].hot[i].pos[k];
@@ -39,6 +41,7 @@ static kl_status add_store(struct kl_record_list *list, const char *path, const 
 {
     struct kl_store *store = NULL;
     struct kl_records *records = NULL;
+    struct kl_use *use = NULL;
     struct kl_store_key key;
     uint64_t merged = 0;
     kl_status st = kl_store_open(path, KL_STORE_READ, NULL, &store, err);
@@ -48,9 +51,11 @@ static kl_status add_store(struct kl_record_list *list, const char *path, const 
     st = kl_records_create(&records, err);
     if (st == KL_OK) st = kl_records_add_store(records, store, err);
     if (st == KL_OK) st = kl_records_merge(records, &merged, err);
-    if (st == KL_OK) st = add_records(list, records, key.origin, err);
+    if (st == KL_OK) st = kl_use_load(store, 0, &use, err);
+    if (st == KL_OK) st = add_records(list, records, use, key.origin, err);
     if (st == KL_OK) st = kl_copy_string(&list->instants[list->instant_count], instant, err);
     if (st == KL_OK) ++list->instant_count;
+    kl_use_destroy(use);
     kl_records_destroy(records);
     kl_store_close(store);
     return st;

@@ -5,6 +5,7 @@
 #include "kernels/cache_data.h"
 #include "src/base/status.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -14,6 +15,7 @@ struct kl_record_item {
     double pos[3]; /* [m] world space */
     uint32_t level;
     uint32_t born;    /* generation that it was first kept in */
+    bool used;        /* a render has told that it served; of level 0 only */
     uint32_t instant; /* number of the store in a moving scene's cache, by name; else 0 */
 };
 

@@ -65,10 +65,18 @@ static kl_status read_all(int fd, const char *path, char *data, size_t size, str
 
 kl_status kl_file_read(const char *path, size_t limit, char **out, size_t *size, struct kl_err *err)
 {
+    int64_t changed = 0;
+
+    return kl_file_read_at(AT_FDCWD, path, limit, out, size, &changed, err);
+}
+
+kl_status kl_file_read_at(int dir_fd, const char *path, size_t limit, char **out, size_t *size,
+                          int64_t *changed, struct kl_err *err)
+{
     kl_status st = KL_OK;
     char *data = NULL;
     struct stat info;
-    const int fd = kl_file_open_at(AT_FDCWD, path, O_RDONLY);
+    const int fd = kl_file_open_at(dir_fd, path, O_RDONLY | O_NONBLOCK); /* pipes do not wait */
 
     if (fd < 0) {
         st = kl_fail_errno(err, "open %s", path);
@@ -94,6 +102,7 @@ kl_status kl_file_read(const char *path, size_t limit, char **out, size_t *size,
     if (st != KL_OK) goto cleanup;
     *out = data;
     *size = (size_t)info.st_size;
+    *changed = (int64_t)info.st_mtime;
     data = NULL;
 
 cleanup:

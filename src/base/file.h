@@ -5,6 +5,7 @@
 #include "src/base/status.h"
 
 #include <stddef.h>
+#include <stdint.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -24,6 +25,10 @@ kl_status kl_file_write_all(int fd, const void *data, size_t size,
  * KL_ERR_INPUT: not there, not a regular file, or larger than `limit` bytes. */
 kl_status kl_file_read(const char *path, size_t limit, char **out, size_t *size,
                        struct kl_err *err) KL_MUST_CHECK;
+/* The same for a path from an open directory; *changed: when the file system says that the file was
+ * changed [s]. */
+kl_status kl_file_read_at(int dir_fd, const char *path, size_t limit, char **out, size_t *size,
+                          int64_t *changed, struct kl_err *err) KL_MUST_CHECK;
 
 /* A new file that nobody sees under its name until kl_file_temp_commit. The caller writes to `fd`
  * at any offset. It lies beside its goal as ".<name>.tmp-<pid>". */

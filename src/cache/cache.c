@@ -322,7 +322,7 @@ kl_status kl_cache_finish(struct kl_cache *cache, struct kl_err *err)
 kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level)
 {
     const struct kl_level_arrays *p = &cache->levels[level].part;
-    return (kl_level_view){p->octree, p->hot, p->cold, p->slots, p->rows};
+    return (kl_level_view){p->octree, p->hot, p->cold, p->slots, p->rows, NULL};
 }
 
 struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_t level)

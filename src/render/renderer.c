@@ -1,6 +1,7 @@
 #include "src/render/renderer.h"
 
 #include "cache_io/records.h"
+#include "cache_io/use.h"
 #include "src/base/clock.h"
 #include "src/base/hash.h"
 #include "src/base/memory.h"
@@ -56,6 +57,7 @@ struct kl_renderer {
     char lost[512];         /* why nothing more is kept on disk; "": it is */
     struct kl_cache *cache; /* declared before the store it may borrow from: closed first */
     struct kl_store *store;
+    uint8_t *used; /* a byte a record of level 0: it served a frame; NULL: none was to be noted */
     struct kl_revision *revision; /* NULL: the cache is of this edition of the scene */
     bool revised;
     struct kl_revision_summary summary; /* of the revision, if revised */
@@ -144,8 +146,23 @@ kl_status kl_renderer_create(const struct kl_scene *scene,
     return KL_OK;
 }
 
+/* Tell the store which records served, before it or the cache changes. A folder that cannot be
+ * written to, as with frozen caches, is no reason to complain. */
+static void tell_use(struct kl_renderer *r)
+{
+    struct kl_err ignored;
+
+    if (r->used != NULL) {
+        const struct kl_level_arrays level = kl_cache_get_arrays(r->cache, 0);
+        (void)!kl_use_publish(r->store, level.hot, level.record_count, r->used, &ignored);
+    }
+    free(r->used);
+    r->used = NULL;
+}
+
 static void close_cache(struct kl_renderer *r)
 {
+    tell_use(r);
     kl_cache_destroy(r->cache);
     kl_store_close(r->store);
     kl_revision_close(r->revision);
@@ -520,6 +537,7 @@ static kl_status serve_store(struct kl_renderer *r, struct kl_err *err)
 {
     const struct kl_cache_settings settings = cache_settings(r);
 
+    tell_use(r);
     kl_cache_destroy(r->cache);
     r->cache = NULL;
     kl_status st = kl_cache_create(&settings, &r->cache, err);
@@ -674,6 +692,7 @@ kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_rendere
     kl_status st = KL_OK;
 
     *stats = (struct kl_fill_stats){0};
+    tell_use(r); /* records get other numbers */
     r->must_keep = fill->must_keep;
     if (fill->keep && r->store != NULL) {
         st = kl_turn_begin(&turn, r->store, fill->cameras, fill->camera_count, err);
@@ -700,7 +719,7 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
                             struct kl_image *image, struct kl_counts *counts, uint64_t *bad_samples,
                             struct kl_err *err)
 {
-    const struct kl_renderer *r = renderer;
+    struct kl_renderer *r = renderer;
     struct kl_frame_job job = {
         .shade = {.scene = r->motion != NULL ? &r->motion->view : &r->flat->view,
                   .reference = reference_view(r),
@@ -723,5 +742,10 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
     for (uint32_t l = 0; r->cache != NULL && l < KL_CACHE_LEVELS; ++l) {
         job.shade.levels[l] = kl_cache_view(r->cache, l);
     }
+    if (frame->note_use && r->used == NULL && r->store != NULL && r->cache != NULL) {
+        struct kl_err ignored; /* without memory nothing is told */
+        (void)!kl_alloc_array(&r->used, kl_cache_count(r->cache, 0), 1, &ignored);
+    }
+    job.shade.levels[0].used = r->used;
     return kl_frame_render(&job, image, counts, bad_samples, err);
 }

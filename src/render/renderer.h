@@ -119,6 +119,7 @@ struct kl_renderer_frame {
     uint32_t time_count;
     int64_t frame; /* number: decides the image samples */
     uint32_t spp;
+    bool note_use; /* tell the store which records served, when the cache is closed */
     bool (*progress)(void *context, double done);
     void *progress_context;
 };

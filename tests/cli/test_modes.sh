@@ -12,6 +12,7 @@ same_image off.exr new.exr >/dev/null
 cp -r cornell.klc first.klc
 kl render "${args[@]}" --size 64x64 --out frozen.exr --cache-mode freeze >/dev/null
 kl render "${args[@]}" --size 64x64 --out filled.exr --cache-mode freeze-fill >/dev/null
+rm cornell.klc/u-*.klu first.klc/u-*.klu # what was used
 same_tree first.klc cornell.klc
 kl render "${args[@]}" --out again.exr --cache-mode rebuild >/dev/null
 same_image off.exr again.exr >/dev/null

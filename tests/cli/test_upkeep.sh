@@ -24,7 +24,7 @@ awk -v e="$(value diff.json mean_error)" 'BEGIN { exit !(e > -0.06 && e < 0.06) 
 [[ $(value <(kl cache info ab.klc --json) segments) == 1 ]] || fail "the first run has indexed it"
 
 # Two bad bytes: check names them, render goes on without that block, repair drops no more.
-segment=$(ls whole.klc)
+segment=$(cd whole.klc && ls *.kls)
 kl cache info whole.klc --json=before.json
 cp -r whole.klc bad.klc
 printf 'XX' | dd of="bad.klc/$segment" bs=1 seek=40000 conv=notrunc status=none

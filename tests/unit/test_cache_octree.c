@@ -62,7 +62,8 @@ static void cloud_index(struct cloud *c, const float center[3], float scene_radi
     if (kl_octree_build(&root, c->hot, c->count, &limits, &c->octree, &err) != KL_OK) {
         fail_msg("%s", err.msg);
     }
-    c->view = (kl_level_view){c->octree.head, c->hot, c->cold, c->octree.slots, c->octree.rows};
+    c->view =
+        (kl_level_view){c->octree.head, c->hot, c->cold, c->octree.slots, c->octree.rows, NULL};
 }
 
 /* Sum of weights over all records, and their number, without any index. */
