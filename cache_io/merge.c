@@ -41,7 +41,8 @@ static kl_status take_source(struct merge *m, const char *dir, bool is_first,
     if (st != KL_OK) return st;
     kl_store_key_get(store, &key);
     if (is_first) m->key = key;
-    st = store_check_key(&key, &m->key, dir, err);
+    st = store_check_read(store, err);
+    if (st == KL_OK) st = store_check_key(&key, &m->key, dir, err);
     if (st == KL_OK) st = kl_records_add_store(m->records, store, err);
     if (st == KL_OK) st = take_parts(m, store, err);
     out->damaged += kl_store_damaged(store, NULL);

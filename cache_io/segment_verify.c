@@ -6,9 +6,8 @@
 #include <stdlib.h>
 
 enum {
-    UNIT_BYTES = 2 << 20, /* that a thread takes at a time */
-    /* Small segments are not worth a team of threads. */
-    PARALLEL_UNITS = 4,
+    UNIT_BYTES = 2 << 20,            /* that a thread takes at a time */
+    PARALLEL_BYTES = 4 * UNIT_BYTES, /* less is not worth a team of threads */
 };
 
 /* Blocks of one section that one thread verifies. */
@@ -174,7 +173,7 @@ kl_status segment_verify(const struct segment_reader *reader, struct segment_ver
         segment_verdict_fini(out);
         return st;
     }
-#pragma omp parallel for schedule(dynamic, 1) if (count >= PARALLEL_UNITS)
+#pragma omp parallel for schedule(dynamic, 1) if (reader->size >= PARALLEL_BYTES)
     for (size_t i = 0; i < count; ++i) {
         verify_unit(reader, key, &units[i], out);
     }

@@ -75,6 +75,11 @@ static kl_status remove_all(int dir_fd, struct kl_err *err)
     for (size_t i = 0; i < r.segments.count && st == KL_OK; ++i) {
         char name[SEGMENT_NAME_SIZE];
         segment_id_format(&r.segments.ids[i], name);
+        /* Names go for good in this order only if each step is durable before the next. */
+        if (i > 0 && r.segments.ids[i].kind == SEGMENT_BASE && kl_file_sync(dir_fd) != 0) {
+            st = kl_fail_errno(err, "fsync");
+            break;
+        }
         if (kl_file_calls->unlink_at(dir_fd, name) != 0 && errno != ENOENT) {
             st = kl_fail_errno(err, "remove %s", name);
         }

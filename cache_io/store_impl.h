@@ -6,6 +6,7 @@
 
 enum reject_why {
     REJECT_DAMAGED, /* beyond use */
+    REJECT_UNREAD,  /* perhaps whole, but the system did not let us read it */
     REJECT_VERSION, /* perhaps whole, but of another version of the format */
     REJECT_FOREIGN, /* whole, but of another key */
 };
@@ -63,7 +64,10 @@ kl_status store_check_key(const struct kl_store_key *have, const struct kl_store
                           const char *name, struct kl_err *err) KL_MUST_CHECK;
 void segment_list_fini(struct segment_list *list);
 bool segment_is_damaged(const struct segment *segment);
-/* Open to write with the key of what is there. */
+/* KL_ERR_IO: a segment could not be read this time. Who would judge a store as a whole stops here:
+ * what such a segment holds, or supersedes, is not known. */
+kl_status store_check_read(const struct kl_store *store, struct kl_err *err) KL_MUST_CHECK;
+/* Open to write with the key of what is there; all of it was read. */
 kl_status store_open_found(const char *dir, struct kl_store **out,
                            struct kl_err *err) KL_MUST_CHECK;
 

@@ -77,7 +77,10 @@ static kl_status open_one(struct load *load, const struct segment_id *id, struct
         load->other_major = true;
         load->version = *err;
     }
-    return reject(load, id, st == KL_ERR_VERSION ? REJECT_VERSION : REJECT_DAMAGED, err->msg, err);
+    enum reject_why why = REJECT_DAMAGED;
+    if (st == KL_ERR_VERSION) why = REJECT_VERSION;
+    if (st == KL_ERR_IO) why = REJECT_UNREAD;
+    return reject(load, id, why, err->msg, err);
 }
 
 /* Does `now` name a base that `before` does not? Both sorted. */

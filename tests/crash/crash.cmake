@@ -19,6 +19,7 @@ function(crash_many name)
 endfunction()
 
 crash_test(test_commit faults.c)
+crash_test(test_upkeep faults.c)
 crash_test(test_damage)
 crash_many(test_damage all)
 crash_test(test_records)
