@@ -145,11 +145,7 @@ static kl_status load_use(const struct kl_store *store, const struct kl_store_pr
     kl_use_get_summary(*out, &sum);
     pruned->damaged_uses = sum.damaged;
     memcpy(pruned->complaint, sum.complaint, sizeof pruned->complaint);
-    if (sum.files == 0) {
-        return kl_fail(err, KL_ERR_INPUT,
-                       "no render has told what it used%s: nothing can be said to be unused",
-                       what->unused_for > 0 ? " in this time" : "");
-    }
+    pruned->untold = sum.files == 0;
     *judged = sum.generation;
     if (what->unused_for > 0 && sum.earlier < *judged) *judged = sum.earlier;
     return KL_OK;
@@ -171,12 +167,13 @@ static kl_status prune(struct kl_store *store, struct kl_records *records,
         j.origin[k] = key.origin[k];
     struct kl_use *use = NULL;
     if (what->unused) st = load_use(store, what, &use, &j.judged, out, err);
-    if (st != KL_OK) {
+    const uint64_t before = count_records(records);
+    if (st != KL_OK || out->untold) {
+        out->kept = before;
         kl_use_destroy(use);
         return st;
     }
     j.use = use;
-    const uint64_t before = count_records(records);
     kl_records_select(records, stays, &j);
     kl_use_destroy(use);
     j.use = NULL;

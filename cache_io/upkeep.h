@@ -42,6 +42,7 @@ struct kl_store_prune {
 };
 struct kl_store_pruned {
     uint64_t kept, dropped;
+    bool untold;           /* `unused` was asked for, and no render has told what it used */
     uint64_t damaged_uses; /* files of use that were ignored */
     char complaint[256];   /* about the first; "": none */
 };

@@ -40,6 +40,7 @@ static kl_status prune_cache(const char *path, const struct kl_store_prune *requ
 {
     struct kl_cache_stores stores = {0};
     struct kl_store_prune what = *request;
+    size_t untold = 0;
     kl_status st = kl_cache_stores_find(path, &stores, err);
 
     if (st == KL_OK && request->max_bytes > 0) {
@@ -52,12 +53,18 @@ static kl_status prune_cache(const char *path, const struct kl_store_prune *requ
         if (st != KL_OK) break;
         sum->kept += pruned.kept;
         sum->dropped += pruned.dropped;
+        untold += pruned.untold;
         if (pruned.damaged_uses > 0) {
             char line[4096 + 320];
             (void)snprintf(line, sizeof line, "%s: a file of use is ignored: %s", stores.paths[i],
                            pruned.complaint);
             kl_say_warning(NULL, line);
         }
+    }
+    if (st == KL_OK && untold > 0 && untold == stores.count) {
+        st = kl_fail(err, KL_ERR_INPUT,
+                     "%s: no render has told what it used%s: nothing can be said to be unused",
+                     path, request->unused_for > 0 ? " in this time" : "");
     }
     kl_cache_stores_fini(&stores);
     return st;

@@ -14,6 +14,7 @@
 #include "src/scene/scene_parts.h"
 #include "src/trace/tracer.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -487,6 +488,12 @@ kl_status kl_renderer_open_cache(struct kl_renderer *renderer, const char *dir,
     memcpy(key.origin, r->origin, sizeof key.origin);
     store_path(r, dir, path, sizeof path);
     st = kl_store_open(path, mode, &key, &r->store, err);
+    if (r->moving && mode == KL_STORE_READ && st == KL_ERR_IO && err->os_error == ENOENT) {
+        return kl_fail(err, KL_ERR_STALE,
+                       "%s: has no records of this instant: the scene was edited since, or this "
+                       "frame was never baked",
+                       dir);
+    }
     if (st == KL_ERR_IO && mode != KL_STORE_READ) return may_go_on(r, st, err);
     if (st == KL_ERR_STALE) return open_revision(r, path, mode, &key, err);
     if (st == KL_OK) st = kl_store_parts_set(r->store, r->parts.items, r->parts.count, err);
@@ -742,7 +749,9 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
     for (uint32_t l = 0; r->cache != NULL && l < KL_CACHE_LEVELS; ++l) {
         job.shade.levels[l] = kl_cache_view(r->cache, l);
     }
-    if (frame->note_use && r->used == NULL && r->store != NULL && r->cache != NULL) {
+    /* The cache of another edition of the scene is not ours to judge. */
+    const bool tells = frame->note_use && r->store != NULL && r->revision == NULL;
+    if (tells && r->used == NULL && r->cache != NULL) {
         struct kl_err ignored; /* without memory nothing is told */
         (void)!kl_alloc_array(&r->used, kl_cache_count(r->cache, 0), 1, &ignored);
     }
