@@ -1,6 +1,8 @@
-# Every option is in docs/cli.md, every status in docs/errors.md.
+# Every option is in docs/cli.md, every status in docs/errors.md; every tool of the cache writes JSON; every invariant
+# of docs/cache_format.md is named by a test.
 . "$ROOT/tests/cli/lib.sh"
-for command in render bake "cache info" "cache check" compare flicker scene devices sheet; do
+tools=(info check merge prune dump diff view)
+for command in render bake "${tools[@]/#/cache }" compare flicker scene devices sheet; do
     # shellcheck disable=SC2086 # two words
     kl $command --help
 done | grep -o -- '--[a-z][a-z-]*' | sort -u >options
@@ -13,3 +15,14 @@ grep -o 'KL_ERR_[A-Z_]*' "$ROOT/src/base/status.h" | sort -u >statuses
 while read -r status; do
     grep -q "\`$status\`" "$ROOT/docs/errors.md" || echo "not in docs/errors.md: $status"
 done <statuses
+for tool in "${tools[@]}"; do
+    kl cache "$tool" --help | grep -q -- --json || echo "cache $tool: no --json"
+done
+# "static void name(void **state) /* 1, 5, 6 */"
+cat "$ROOT"/tests/unit/test_s*.c "$ROOT"/tests/crash/test_*.c |
+    sed -n 's|^static void .*(void \*\*state) /\* \([0-9, ]*\) \*/$|\1|p' | tr ', ' '\n\n' | sort -u >named
+sed -n '/^## 1\. /,/^## 2\. /s/^\([0-9]*\)\. .*/\1/p' "$ROOT/docs/cache_format.md" >invariants
+[[ $(wc -l <invariants) -ge 13 ]] || fail "invariants were not found"
+while read -r number; do
+    grep -qx "$number" named || echo "no test names invariant $number of docs/cache_format.md"
+done <invariants

@@ -471,6 +471,75 @@ static void same_batches_same_files(void **state) /* 8 */
     free(bytes[1]);
 }
 
+static void copy_file(const char *from, const char *to)
+{
+    struct kl_err err;
+    char *bytes = NULL;
+    size_t size = 0;
+
+    assert_int_equal(kl_file_read(from, 1 << 20, &bytes, &size, &err), KL_OK);
+    assert_int_equal(kl_file_replace(to, bytes, size, &err), KL_OK);
+    free(bytes);
+}
+
+/* Each alone in a directory, where nothing of the others is. */
+static void segments_are_read_alone(void **state) /* 2 */
+{
+    struct fixture *f = *state;
+    struct kl_err err;
+    char path[2][400];
+    char alone[400];
+    struct kl_store *store = open_store(f, KL_STORE_EXTEND);
+
+    append(store, 1.0f);
+    assert_int_equal(kl_store_publish_base(store, f->batch.levels, &err), KL_OK);
+    append(store, 2.0f);
+    kl_store_close(store);
+    find_file(f, 'b', path[0], sizeof path[0]);
+    find_file(f, 'd', path[1], sizeof path[1]);
+    for (int i = 0; i < 2; ++i) {
+        struct batch want;
+        const char *name = strrchr(path[i], '/');
+        (void)snprintf(alone, sizeof alone, "%s/alone", f->root);
+        assert_int_equal(mkdir(alone, 0777), 0);
+        (void)snprintf(alone, sizeof alone, "%s/alone%s", f->root, name);
+        copy_file(path[i], alone);
+        *strrchr(alone, '/') = '\0';
+        assert_int_equal(kl_store_open(alone, KL_STORE_READ, NULL, &store, &err), KL_OK);
+        assert_int_equal(kl_store_segment_count(store), 1);
+        assert_int_equal(kl_store_damaged(store, NULL), 0);
+        make_batch(&want, i == 0 ? 0.0f : 2.0f);
+        check_segment(store, 0, &want, i == 0);
+        kl_store_close(store);
+        (void)for_each_file(alone, true);
+        assert_int_equal(rmdir(alone), 0);
+    }
+}
+
+static void names_say_what_files_are(void **state) /* 3 */
+{
+    static const char *const starts[] = {"b-00000001-", "d-00000002-", "d-00000001-0"};
+    struct fixture *f = *state;
+    char path[400];
+    struct kl_store *store = open_store(f, KL_STORE_EXTEND);
+
+    append(store, 1.0f);
+    kl_store_close(store);
+    find_file(f, 'd', path, sizeof path);
+    const char *hash = strrchr(path, '-') + 1;
+    for (size_t i = 0; i < sizeof starts / sizeof starts[0]; ++i) {
+        char other[400];
+        const int digits = 27 - (int)strlen(starts[i]);
+        (void)snprintf(other, sizeof other, "%s/%s%.*s.kls", f->dir, starts[i], digits, hash);
+        copy_file(path, other);
+        store = open_store(f, KL_STORE_READ);
+        assert_int_equal(kl_store_segment_count(store), 1);
+        assert_int_equal(kl_store_damaged(store, NULL), 1);
+        kl_store_close(store);
+        assert_int_equal(unlink(other), 0);
+    }
+}
+
 static void unsound_batches_are_not_written(void **state)
 {
     struct fixture *f = *state;
@@ -672,6 +741,8 @@ int main(void)
         TEST(foreign_files_are_ignored),
         TEST(two_writers_keep_both_batches),
         TEST(same_batches_same_files),
+        TEST(segments_are_read_alone),
+        TEST(names_say_what_files_are),
         TEST(unsound_batches_are_not_written),
         TEST(truncated_files_are_detected),
         TEST(flipped_bits_are_detected_or_harmless),
