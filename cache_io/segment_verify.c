@@ -24,9 +24,11 @@ static uint64_t units_of(const struct segment_section *section, enum section_typ
 {
     const uint64_t blocks = section_block_count(section);
 
+    *step = 1;
+    if (blocks == 0) return 0;
     /* Rows begin where the one before ended: one thread walks them all. */
     *step = type == SECTION_ROWS ? blocks : UNIT_BYTES / section->block_bytes;
-    return blocks == 0 ? 0 : (blocks + *step - 1) / *step;
+    return (blocks + *step - 1) / *step;
 }
 
 uint64_t section_block_count(const struct segment_section *section)

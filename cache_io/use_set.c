@@ -42,7 +42,7 @@ bool use_set_has(const struct use_set *set, uint64_t place)
 
     for (uint32_t k = 0; k < USE_PROBES; ++k) {
         const uint64_t bit = probe(place, k) & mask;
-        if ((set->bits[bit / 8] >> bit % 8 & 1u) == 0) return false;
+        if (((uint32_t)set->bits[bit / 8] >> bit % 8 & 1u) == 0) return false;
     }
     return true;
 }

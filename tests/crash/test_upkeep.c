@@ -239,12 +239,15 @@ static int setup(void **state)
 {
     struct fixture *f = calloc(1, sizeof *f);
 
+    char root[64];
+
     assert_non_null(f);
     folder_create(f->root);
+    memcpy(root, f->root, sizeof root);
     (void)snprintf(f->dir, sizeof f->dir, "%s/a.klc", f->root);
     (void)snprintf(f->copy, sizeof f->copy, "%s/b.klc", f->root);
     for (int i = 0; i < 2; ++i) {
-        (void)snprintf(f->source[i], sizeof f->source[i], "%s/s%d.klc", f->root, i);
+        (void)snprintf(f->source[i], sizeof f->source[i], "%.60s/%s.klc", root, i == 0 ? "c" : "d");
         struct kl_store *store = open_store(f->source[i], KL_STORE_EXTEND);
         append(store, groups[i].first, groups[i].end);
         kl_store_close(store);
