@@ -10,6 +10,7 @@
 #define KL_SLAB              0.4f /* height above the record's plane, in radii: same surface */
 #define KL_MIN_EXTRAPOLATION 0.05f
 #define KL_MAX_EXTRAPOLATION 20.0f
+#define KL_GRADIENT_REACH    0.35f /* raw radii up to which a gradient is followed */
 
 /* Identity of a record, in any process: hash of position, normal (octahedral) and bounce level. It
  * seeds the gather, so that noise does not change from frame to frame. */
@@ -32,8 +33,8 @@ typedef struct kl_answer {
     kl_vec3 irr;  /* irradiance [W m^-2] */
     float weight; /* sum of weights; 0: no record serves this point */
     float best;   /* largest weight: 1 on top of a record */
-    float shares; /* sum of weights over radii, what the means are taken by */
-    float error;  /* relative standard error of the records, weighted mean */
+    float shares; /* sum of weights over squared radii, what the means are taken by */
+    float error;  /* relative standard error of the records, root of the weighted mean square */
     float radius; /* [m] of the nearest-weighted records, weighted mean */
 } kl_answer;
 
@@ -141,12 +142,15 @@ KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, float x, float
 }
 
 /* What the record says the irradiance is at an offset: first order in position and normal, as a
- * factor that is kept within bounds. */
+ * factor that is kept within bounds. Farther out than the radius that the record asked for (pixels
+ * may be larger) its gradient is not followed. */
 KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_frame *f,
                                     kl_vec3 offset, kl_vec3 n)
 {
-    const float x = kl_dot(offset, f->t) / c->raw_radius;
-    const float y = kl_dot(offset, f->b) / c->raw_radius;
+    const float length = kl_length(offset) / c->raw_radius;
+    const float scale = kl_fmin(1.0f, KL_GRADIENT_REACH / kl_fmax(length, 1e-30f)) / c->raw_radius;
+    const float x = kl_dot(offset, f->t) * scale;
+    const float y = kl_dot(offset, f->b) * scale;
     const kl_vec3 turn = kl_cross(f->n, n);
     const float u = kl_dot(turn, f->t);
     const float v = kl_dot(turn, f->b);
@@ -221,9 +225,11 @@ KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl
     const kl_frame f = kl_frame_from_normal(normal);
     if (kl_record_is_blocked(cold, kl_dot(offset, f.t), kl_dot(offset, f.b))) return;
     /* Where a small record serves, a large one that reaches there knows less. */
-    const float share = w * c->head.side / c->hot[i].radius;
+    const float fine = c->head.side / c->hot[i].radius;
+    const float share = w * fine * fine;
+    const float error = kl_half_to_float(cold->error_spacing & 0xffffu);
     a->irr = kl_v3_mad(a->irr, share, kl_record_extrapolate(cold, &f, offset, bent));
-    a->error += share * kl_half_to_float(cold->error_spacing & 0xffffu);
+    a->error += share * error * error;
     a->radius += share * c->hot[i].radius;
     a->weight += w;
     a->best = kl_fmax(a->best, w);
@@ -261,7 +267,7 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     }
     if (a.weight > 0.0f) {
         a.irr = kl_v3_scale(a.irr, 1.0f / a.shares);
-        a.error /= a.shares;
+        a.error = kl_sqrt(a.error / a.shares);
         a.radius /= a.shares;
     }
     return a;

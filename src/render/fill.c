@@ -101,13 +101,21 @@ double kl_fill_black(const float *irr, size_t count, size_t stride)
     return lit > 0 ? black * exp(logs / (double)lit) : 0.0;
 }
 
+/* All light that bounces more often comes through the first records of level 1: their noise, unlike
+ * that of later ones, does not average out. They get as many rays as what the camera sees. */
+static const struct kl_gather_ladder *ladder_for(const struct kl_fill_job *job, uint32_t level,
+                                                 const kl_level_view *level1)
+{
+    return &job->ladder[level1->head.record_count < FIRST_BATCH ? 0 : level];
+}
+
 kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *level1, uint32_t level,
                          const kl_gather_point *points, size_t count, kl_gather_result *results,
                          struct kl_fill_stats *stats, struct kl_err *err)
 {
     struct kl_gather_job gather = {.scene = job->scene,
                                    .level1 = level1,
-                                   .ladder = job->ladder[level],
+                                   .ladder = *ladder_for(job, level, level1),
                                    .settings = job->gather,
                                    .points = points,
                                    .count = count,
