@@ -7,6 +7,7 @@
 #include "src/base/memory.h"
 #include "src/render/gatherer.h"
 #include "src/render/revision.h"
+#include "src/render/swept.h"
 #include "src/render/turn.h"
 #include "src/scene/digest.h"
 #include "src/scene/flat.h"
@@ -47,6 +48,7 @@ struct kl_renderer {
     struct kl_flat *flat;
     struct kl_scene_parts parts;
     struct kl_motion *motion; /* while the shutter is open; NULL: nothing moves */
+    struct kl_swept *swept;   /* by what moves; NULL: nothing does */
     struct kl_motion *before; /* one frame earlier; NULL: as now */
     struct kl_tracer *tracer;
     struct kl_gatherer *gatherer;
@@ -180,12 +182,14 @@ static void leave_instant(struct kl_renderer *r)
     kl_tracer_destroy(r->tracer);
     kl_motion_destroy(r->motion);
     kl_motion_destroy(r->before);
+    kl_swept_destroy(r->swept);
     kl_parts_fini(&r->parts);
     kl_flat_destroy(r->flat);
     r->gatherer = NULL;
     r->tracer = NULL;
     r->motion = NULL;
     r->before = NULL;
+    r->swept = NULL;
     r->flat = NULL;
     r->ready = false;
 }
@@ -240,6 +244,7 @@ static kl_status set_motion(struct kl_renderer *r, const struct kl_pose *pose,
         st = kl_motion_create(r->scene, r->settings.animation, pose, r->flat, &before, &r->before,
                               err);
     }
+    if (st == KL_OK && r->motion != NULL) st = kl_swept_create(r->motion, &r->swept, err);
     if (st != KL_OK) return st;
     return r->motion != NULL ? kl_tracer_create_moving(r->flat, r->motion, &r->tracer, err)
                              : kl_tracer_create(r->flat, &r->tracer, err);
@@ -730,6 +735,7 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
     struct kl_frame_job job = {
         .shade = {.scene = r->motion != NULL ? &r->motion->view : &r->flat->view,
                   .reference = reference_view(r),
+                  .swept = r->swept,
                   .indirect = r->settings.indirect,
                   .query = eye_query(),
                   .gather = {.query = gather_query(), .length_scale = length_scale}},

@@ -1,4 +1,5 @@
 #include "src/render/shade_impl.h"
+#include "src/render/swept.h"
 
 #include <string.h>
 
@@ -96,19 +97,21 @@ static const kl_surface *carry_back(const struct kl_shade_context *context, cons
     return moved;
 }
 
-/* Irradiance at the reference instant by one short path: for samples that no record serves.
- * Unbiased. */
-static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
-                               kl_sampler *sampler, struct kl_counts *counts)
+/* Irradiance by one short path, for samples that no record serves: in `scene`, at a time. Unbiased.
+ */
+static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_scene_view *scene,
+                               float time, const kl_surface *surface, kl_sampler *sampler,
+                               struct kl_counts *counts)
 {
     const kl_frame f = kl_frame_from_normal(surface->smooth);
     const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
     ++counts->late;
     if (!(kl_dot(dir, surface->geometric) > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_ray_make(
-        kl_leave_surface(context->reference, surface->pos, surface->geometric), dir, KL_INF);
-    const kl_gather_cell cell = kl_gather_ray(context->reference, &context->levels[1],
-                                              &context->gather, surface->smooth, ray, *sampler);
+    kl_ray ray =
+        kl_ray_make(kl_leave_surface(scene, surface->pos, surface->geometric), dir, KL_INF);
+    ray.time = time;
+    const kl_gather_cell cell =
+        kl_gather_ray(scene, &context->levels[1], &context->gather, surface->smooth, ray, *sampler);
     ++sampler->dim;
     return kl_v3_scale(kl_v3(cell.radiance[0], cell.radiance[1], cell.radiance[2]), KL_PI);
 }
@@ -161,7 +164,20 @@ static kl_answer find_irradiance(const struct kl_shade_context *context, const k
         return a;
     }
     *late = 1.0f;
-    a.irr = late_irradiance(context, surface, sampler, counts);
+    a.irr =
+        late_irradiance(context, context->reference, KL_TIME_REFERENCE, surface, sampler, counts);
+    return a;
+}
+
+/* Indirect irradiance at a still surface that something covers at the reference instant, and not
+ * when it is seen. */
+static kl_answer uncovered_irradiance(const struct kl_shade_context *context,
+                                      const kl_surface *surface, kl_sampler *sampler,
+                                      struct kl_counts *counts, float *late)
+{
+    kl_answer a = {0};
+    *late = 1.0f;
+    a.irr = late_irradiance(context, context->scene, surface->time, surface, sampler, counts);
     return a;
 }
 
@@ -241,8 +257,12 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
             kl_surface moved;
             const kl_surface *at = carry_back(context, &ray, &hit, &surface, &moved);
             const float slope = kl_fmax(kl_dot(wo, surface.geometric), 0.1f);
-            const kl_answer a = find_irradiance(context, at, first, pixel_size * length / slope,
-                                                reuse, sampler, counts, &late);
+            const bool still = at == &surface;
+            const kl_answer a =
+                still && kl_swept_covers(context->swept, context->reference, at)
+                    ? uncovered_irradiance(context, at, sampler, counts, &late)
+                    : find_irradiance(context, at, first, pixel_size * length / slope, reuse,
+                                      sampler, counts, &late);
             indirect = kl_v3_scale(kl_v3_mul(albedo, a.irr), KL_INV_PI);
             if (first) {
                 parts->irradiance = a.irr;

@@ -7,6 +7,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+struct kl_swept;
+
 enum kl_indirect { KL_INDIRECT_CACHE, KL_INDIRECT_PATH, KL_INDIRECT_OFF };
 
 struct kl_counts { /* of rays and look-ups, for the report */
@@ -18,7 +20,8 @@ struct kl_counts { /* of rays and look-ups, for the report */
 struct kl_shade_context {
     const kl_scene_view *scene; /* in motion, where anything moves */
     const kl_scene_view
-        *reference; /* the same hits where the records are: at the shutter's centre */
+        *reference;               /* the same hits where the records are: at the shutter's centre */
+    const struct kl_swept *swept; /* NULL: nothing moves */
     kl_level_view levels[KL_CACHE_LEVELS]; /* frozen */
     enum kl_indirect indirect;
     kl_query query;            /* of level 0 */

