@@ -11,7 +11,7 @@
 #define KL_SEGMENT_MAGIC "\x89KLS\r\n\x1a\n"
 
 enum {
-    SEGMENT_MAJOR = 2,
+    SEGMENT_MAJOR = 3,
     SEGMENT_MINOR = 0,
     SEGMENT_FEATURES = 0, /* all that we know */
     SEGMENT_MAX_SECTIONS = 64,
@@ -59,7 +59,7 @@ enum section_type {
     SECTION_HOT = 1,
     SECTION_COLD = 2,
     SECTION_OCTREE = 3,
-    SECTION_SLOTS = 4,
+    SECTION_NODES = 4,
     SECTION_ROWS = 5,
     SECTION_SUPERSEDED = 6,
     SECTION_PARTS = 7,
@@ -161,30 +161,13 @@ kl_status octree_validate(const struct kl_level_arrays *level, struct kl_err *er
 /* The steps of it. The header. */
 kl_status octree_check_header(const struct kl_level_arrays *level,
                               struct kl_err *err) KL_MUST_CHECK;
-/* A set of places as one number, for a key that no file can know: the same places in another order
- * give the same number (places_are_equal), others another one. */
-uint64_t place_key_make(void);
-uint64_t places_join(uint64_t a, uint64_t b);
-bool places_are_equal(uint64_t a, uint64_t b);
-/* Rows, in the order of memory. */
-struct row_walk {
-    const kl_u32 *rows;
-    kl_u32 size, record_count; /* items of rows; records that they may name */
-    /* ROW_WALK_START */
-    uint64_t key;
-    uint64_t starts;   /* places where rows start */
-    kl_u32 next, seen; /* next row; items that were looked at */
-    uint64_t above;    /* of these, record numbers out of range, once all are seen */
-    bool is_sound;
+/* Blocks of nodes and of rows, in any order: `start` is the byte in its array where a block begins.
+ * What is of another type has nothing to say. */
+struct index_counts {
+    uint64_t nodes, rows, records; /* that they may lead to */
 };
-#define ROW_WALK_START(key_)                                                                       \
-    .key = (key_), .starts = 1, .next = KL_DIRECTORY_SIZE, .seen = KL_DIRECTORY_SIZE,              \
-    .is_sound = true
-/* Walk over the items before `end`, at least KL_DIRECTORY_SIZE. */
-void row_walk_to(struct row_walk *walk, kl_u32 end);
-bool row_walk_is_done(const struct row_walk *walk);
-/* The places that slots in use name: each row's, once. */
-uint64_t slots_places(const kl_octree_slot *slots, size_t count, uint64_t key);
+bool index_block_is_sound(enum section_type type, const void *block, size_t bytes, uint64_t start,
+                          const struct index_counts *counts);
 
 uint64_t read_u64(const unsigned char *p);
 uint32_t read_u32(const unsigned char *p);

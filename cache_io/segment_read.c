@@ -100,26 +100,26 @@ static kl_status take_octree(const struct segment_reader *r, const struct segmen
                              uint32_t l, struct segment *out, struct kl_err *err)
 {
     const struct segment_section *octree = &r->table.at[SECTION_OCTREE][l];
-    const struct segment_section *slots = &r->table.at[SECTION_SLOTS][l];
+    const struct segment_section *nodes = &r->table.at[SECTION_NODES][l];
     const struct segment_section *rows = &r->table.at[SECTION_ROWS][l];
     struct kl_level_arrays level = out->levels[l];
     struct kl_err complaint;
 
-    if (octree->offset == 0 && slots->offset == 0 && rows->offset == 0) return KL_OK;
-    if (out->id.kind != SEGMENT_BASE || octree->count != 1 || slots->offset == 0 ||
+    if (octree->offset == 0 && nodes->offset == 0 && rows->offset == 0) return KL_OK;
+    if (out->id.kind != SEGMENT_BASE || octree->count != 1 || nodes->offset == 0 ||
         rows->offset == 0) {
         return kl_fail(err, KL_ERR_CORRUPT, "parts of an octree");
     }
     const uint64_t bad = segment_verdict_count_bad(verdict, octree, SECTION_OCTREE, l) +
-                         segment_verdict_count_bad(verdict, slots, SECTION_SLOTS, l) +
+                         segment_verdict_count_bad(verdict, nodes, SECTION_NODES, l) +
                          segment_verdict_count_bad(verdict, rows, SECTION_ROWS, l);
     out->damage.blocks += bad;
     bool ok = bad == 0 && out->damage.records[l] == 0;
     if (ok) {
         memcpy(&level.octree, array_get(r, octree), sizeof level.octree);
-        level.slots = array_get(r, slots);
+        level.nodes = array_get(r, nodes);
         level.rows = array_get(r, rows);
-        ok = level.octree.slot_count == slots->count && level.octree.row_size == rows->count &&
+        ok = level.octree.node_count == nodes->count && level.octree.row_size == rows->count &&
              level.octree.record_count > 0 && octree_check_header(&level, &complaint) == KL_OK &&
              verdict->index_is_sound[l];
     }

@@ -15,19 +15,16 @@ struct unit {
     enum section_type type;
     uint32_t level;
     uint64_t first, end;
-    uint64_t places; /* of rows: where they start; of slots: what they name */
-    bool is_sound;   /* of rows */
+    bool is_sound; /* of nodes and rows */
 };
 
-static uint64_t units_of(const struct segment_section *section, enum section_type type,
-                         uint64_t *step)
+static uint64_t units_of(const struct segment_section *section, uint64_t *step)
 {
     const uint64_t blocks = section_block_count(section);
 
     *step = 1;
     if (blocks == 0) return 0;
-    /* Rows begin where the one before ended: one thread walks them all. */
-    *step = type == SECTION_ROWS ? blocks : UNIT_BYTES / section->block_bytes;
+    *step = UNIT_BYTES / section->block_bytes;
     return (blocks + *step - 1) / *step;
 }
 
@@ -56,55 +53,35 @@ static const unsigned char *block_get(const struct segment_reader *r,
                : NULL;
 }
 
-static void verify_unit(const struct segment_reader *r, uint64_t key, struct unit *unit,
+static void verify_unit(const struct segment_reader *r, struct unit *unit,
                         struct segment_verdict *out)
 {
     const struct segment_section *section = &r->table.at[unit->type][unit->level];
+    const struct index_counts counts = {r->table.at[SECTION_NODES][unit->level].count,
+                                        r->table.at[SECTION_ROWS][unit->level].count,
+                                        r->table.at[record_arrays[0].type][unit->level].count};
     uint8_t *bad = out->bad[unit->type][unit->level];
-    struct row_walk walk = {.size = (kl_u32)section->count,
-                            .record_count =
-                                (kl_u32)r->table.at[record_arrays[0].type][unit->level].count,
-                            ROW_WALK_START(key)};
 
-    unit->places = 1;
-    unit->is_sound = section->count >= KL_DIRECTORY_SIZE;
+    unit->is_sound = true;
     for (uint64_t b = unit->first; b < unit->end; ++b) {
         size_t bytes = 0;
         const void *at = block_get(r, section, b, &bytes);
         bad[b] = at == NULL || !record_block_is_sound(unit->type, at, bytes);
-        unit->is_sound = unit->is_sound && bad[b] == 0;
-        if (unit->type == SECTION_SLOTS && bad[b] == 0) {
-            const uint64_t places = slots_places(at, bytes / sizeof(kl_octree_slot), key);
-            unit->places = places_join(unit->places, places);
-        }
-        const kl_u32 end = (kl_u32)((b * section->block_bytes + bytes) / sizeof(kl_u32));
-        if (unit->type == SECTION_ROWS && unit->is_sound && end > KL_DIRECTORY_SIZE) {
-            const void *rows = r->data + section->offset;
-            walk.rows = rows;
-            row_walk_to(&walk, end);
-        }
-    }
-    if (unit->type == SECTION_ROWS) {
-        unit->places = walk.starts;
-        unit->is_sound = unit->is_sound && row_walk_is_done(&walk);
+        unit->is_sound =
+            unit->is_sound && bad[b] == 0 &&
+            index_block_is_sound(unit->type, at, bytes, b * section->block_bytes, &counts);
     }
 }
 
 static bool index_is_sound(const struct unit *units, size_t count, uint32_t level)
 {
-    uint64_t starts = 1;
-    uint64_t named = 1;
     bool ok = true;
 
     for (size_t i = 0; i < count; ++i) {
-        if (units[i].level != level) continue;
-        if (units[i].type == SECTION_SLOTS) named = places_join(named, units[i].places);
-        if (units[i].type == SECTION_ROWS) {
-            starts = units[i].places;
-            ok = ok && units[i].is_sound;
-        }
+        const bool is_index = units[i].type == SECTION_NODES || units[i].type == SECTION_ROWS;
+        if (units[i].level == level && is_index) ok = ok && units[i].is_sound;
     }
-    return ok && places_are_equal(starts, named);
+    return ok;
 }
 
 /* What is to be done, the longest first. */
@@ -112,7 +89,7 @@ static kl_status list_units(const struct segment_reader *r, struct unit **out, s
                             struct kl_err *err)
 {
     static const enum section_type order[] = {
-        SECTION_ROWS,   SECTION_HOT,        SECTION_COLD,  SECTION_SLOTS,
+        SECTION_ROWS,   SECTION_HOT,        SECTION_COLD,  SECTION_NODES,
         SECTION_OCTREE, SECTION_SUPERSEDED, SECTION_PARTS, SECTION_BIRTHS,
     };
     uint64_t total = 0;
@@ -120,7 +97,7 @@ static kl_status list_units(const struct segment_reader *r, struct unit **out, s
 
     for (size_t t = 0; t < sizeof order / sizeof *order; ++t) {
         for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l)
-            total += units_of(&r->table.at[order[t]][l], order[t], &step);
+            total += units_of(&r->table.at[order[t]][l], &step);
     }
     *count = 0;
     kl_status st = kl_alloc_array(out, (size_t)total, sizeof **out, err);
@@ -129,7 +106,7 @@ static kl_status list_units(const struct segment_reader *r, struct unit **out, s
         for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
             const struct segment_section *section = &r->table.at[order[t]][l];
             const uint64_t blocks = section_block_count(section);
-            const uint64_t n = units_of(section, order[t], &step);
+            const uint64_t n = units_of(section, &step);
             for (uint64_t u = 0; u < n; ++u) {
                 const uint64_t end = (u + 1) * step < blocks ? (u + 1) * step : blocks;
                 (*out)[(*count)++] =
@@ -164,7 +141,6 @@ static kl_status allocate(const struct segment_reader *r, struct segment_verdict
 kl_status segment_verify(const struct segment_reader *reader, struct segment_verdict *out,
                          struct kl_err *err)
 {
-    const uint64_t key = place_key_make();
     struct unit *units = NULL;
     size_t count = 0;
 
@@ -177,7 +153,7 @@ kl_status segment_verify(const struct segment_reader *reader, struct segment_ver
     }
 #pragma omp parallel for schedule(dynamic, 1) if (reader->size >= PARALLEL_BYTES)
     for (size_t i = 0; i < count; ++i) {
-        verify_unit(reader, key, &units[i], out);
+        verify_unit(reader, &units[i], out);
     }
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l)
         out->index_is_sound[l] = index_is_sound(units, count, l);

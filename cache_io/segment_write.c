@@ -53,8 +53,8 @@ static void add_level(struct layout *layout, const struct kl_level_arrays *level
     }
     if (!with_octree || level->octree.record_count == 0) return;
     add_piece(layout, SECTION_OCTREE, l, &level->octree, 1, sizeof level->octree, false);
-    add_piece(layout, SECTION_SLOTS, l, level->slots, level->octree.slot_count,
-              sizeof *level->slots, false);
+    add_piece(layout, SECTION_NODES, l, level->nodes, level->octree.node_count,
+              sizeof *level->nodes, false);
     add_piece(layout, SECTION_ROWS, l, level->rows, level->octree.row_size, sizeof *level->rows,
               false);
 }

@@ -1,6 +1,4 @@
 #include "cache_io/format_impl.h"
-#include "src/base/clock.h"
-#include "src/base/hash.h"
 
 #include <math.h>
 #include <stddef.h>
@@ -119,11 +117,6 @@ bool records_are_valid(const struct kl_level_arrays *level)
            colds_are_sound(level->cold, level->record_count);
 }
 
-static bool is_power_of_two(kl_u32 x)
-{
-    return x != 0 && (x & (x - 1)) == 0;
-}
-
 kl_status octree_check_header(const struct kl_level_arrays *level, struct kl_err *err)
 {
     const kl_octree_header *head = &level->octree;
@@ -142,13 +135,9 @@ kl_status octree_check_header(const struct kl_level_arrays *level, struct kl_err
         return kl_fail(err, KL_ERR_CORRUPT, "octree: reach %g is not positive",
                        (double)head->reach);
     }
-    if (!is_power_of_two(head->slot_count)) {
-        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u slots are not a power of two",
-                       head->slot_count);
-    }
-    if (head->row_size < KL_DIRECTORY_SIZE) {
-        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u row items, the directory alone has %d",
-                       head->row_size, KL_DIRECTORY_SIZE);
+    if (head->top_bits > KL_TOP_BITS_MAX || head->node_count < 1u << 3 * head->top_bits) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: %u nodes do not hold a grid of 2^%u",
+                       head->node_count, head->top_bits);
     }
     if (head->record_count != level->record_count) {
         return kl_fail(err, KL_ERR_CORRUPT, "octree: %u records, the level has %u",
@@ -157,133 +146,56 @@ kl_status octree_check_header(const struct kl_level_arrays *level, struct kl_err
     return KL_OK;
 }
 
-/* ---- sets of places ---- */
-
-/* Products over k + place modulo a prime: as polynomials in k they are one only where the sets of
- * places are, and two that differ agree at no more k than they have places. So for a k that a file
- * cannot know they tell sets of n places apart but for n of 2^61 cases, in the order of memory, and
- * whatever the order of the places. */
-#define PLACE_PRIME ((1ull << 61) - 1)
-
-__extension__ typedef unsigned __int128 wide;
-
-/* Factors and result: 2^61 at most. */
-static inline uint64_t times(uint64_t a, uint64_t b)
+/* Groups lie behind what leads to them, so no way down is endless. */
+static bool nodes_are_sound(const kl_u32 *nodes, size_t count, uint64_t first,
+                            const struct index_counts *counts)
 {
-    const wide product = (wide)a * b;
-    const uint64_t sum = ((uint64_t)product & PLACE_PRIME) + (uint64_t)(product >> 61);
+    uint32_t bad = 0;
 
-    return (sum & PLACE_PRIME) + (sum >> 61);
+    for (size_t i = 0; i < count; ++i) {
+        const kl_u32 entry = nodes[i];
+        const uint64_t group = entry & KL_NODE_INDEX;
+        const bool is_leaf = (entry & KL_NODE_LEAF) != 0;
+        const bool leads_on = group > first + i && group + 8 <= counts->nodes;
+        const bool leads_out = (entry & ~KL_NODE_LEAF) < counts->rows;
+        bad += (uint32_t)(entry != KL_NODE_EMPTY && !(is_leaf ? leads_out : leads_on));
+    }
+    return bad == 0;
 }
 
-uint64_t place_key_make(void)
+/* Rows end before the array does, whoever leads into them. */
+static bool rows_are_sound(const kl_u32 *rows, size_t count, uint64_t first,
+                           const struct index_counts *counts)
 {
-    const struct {
-        double seconds;
-        const void *here;
-    } chance = {kl_seconds(), &chance}; /* where the system put our stack, and when it is */
-
-    return (kl_hash_block(&chance, sizeof chance) & (PLACE_PRIME >> 1)) + 1;
-}
-
-uint64_t places_join(uint64_t a, uint64_t b)
-{
-    return times(a, b);
-}
-
-bool places_are_equal(uint64_t a, uint64_t b)
-{
-    return a % PLACE_PRIME == b % PLACE_PRIME;
-}
-
-/* ---- rows and slots ---- */
-
-static uint32_t count_above(const kl_u32 *items, size_t count, kl_u32 limit)
-{
-    uint32_t n = 0;
+    uint32_t bad = 0;
 
     for (size_t i = 0; i < count; ++i)
-        n += (uint32_t)(items[i] >= limit);
-    return n;
+        bad += (uint32_t)((rows[i] & ~KL_ROW_LAST) >= counts->records);
+    if (count > 0 && first + count == counts->rows) bad += !(rows[count - 1] & KL_ROW_LAST);
+    return bad == 0;
 }
 
-/* Rows follow each other without gaps behind the directory: one pass in the order of memory, whose
- * time a hostile file cannot stretch. Which words are record numbers is known too late for a fast
- * loop: all are compared with the number of records, and the words in front of the numbers
- * subtracted. */
-void row_walk_to(struct row_walk *walk, kl_u32 end)
+bool index_block_is_sound(enum section_type type, const void *block, size_t bytes, uint64_t start,
+                          const struct index_counts *counts)
 {
-    const kl_u32 *rows = walk->rows;
-    const kl_u32 size = walk->size;
-    const kl_u32 limit = walk->record_count;
-    uint64_t starts = walk->starts;
-    uint32_t heads_above = 0;
-    kl_u32 p = walk->next;
+    const size_t count = bytes / sizeof(kl_u32);
+    const uint64_t first = start / sizeof(kl_u32);
 
-    walk->above += count_above(rows + walk->seen, end - walk->seen, limit);
-    walk->seen = end;
-    /* A check word, a count, then as many record numbers. */
-    while (p < end && end - p >= 2) {
-        const kl_u32 count = rows[p + 1];
-        if (count == 0 || count > size - p - 2) {
-            walk->is_sound = false;
-            break;
-        }
-        heads_above += (uint32_t)(rows[p] >= limit) + (uint32_t)(count >= limit);
-        starts = times(starts, walk->key + p);
-        p += 2 + count;
-    }
-    walk->starts = starts;
-    walk->above -= heads_above;
-    walk->next = p;
-}
-
-bool row_walk_is_done(const struct row_walk *walk)
-{
-    return walk->is_sound && walk->next == walk->size && walk->above == 0;
-}
-
-/* Which slots are in use nobody can guess: no branch. */
-static inline uint64_t place_of(const kl_octree_slot *slot, uint64_t key)
-{
-    const uint64_t used = 0 - (uint64_t)(slot->tag != 0);
-
-    return 1 + ((key - 1 + slot->row) & used);
-}
-
-uint64_t slots_places(const kl_octree_slot *slots, size_t count, uint64_t key)
-{
-    uint64_t a = 1; /* four products: each waits for its last multiplication only */
-    uint64_t b = 1;
-    uint64_t c = 1;
-    uint64_t d = 1;
-    size_t i = 0;
-
-    for (; i + 4 <= count; i += 4) {
-        a = times(a, place_of(&slots[i], key));
-        b = times(b, place_of(&slots[i + 1], key));
-        c = times(c, place_of(&slots[i + 2], key));
-        d = times(d, place_of(&slots[i + 3], key));
-    }
-    for (; i < count; ++i)
-        a = times(a, place_of(&slots[i], key));
-    return times(times(a, b), times(c, d));
+    if (type == SECTION_NODES) return nodes_are_sound(block, count, first, counts);
+    if (type == SECTION_ROWS) return rows_are_sound(block, count, first, counts);
+    return true;
 }
 
 kl_status octree_validate(const struct kl_level_arrays *level, struct kl_err *err)
 {
-    struct row_walk walk = {.rows = level->rows,
-                            .size = level->octree.row_size,
-                            .record_count = level->record_count,
-                            ROW_WALK_START(place_key_make())};
+    const kl_octree_header *head = &level->octree;
+    const struct index_counts counts = {head->node_count, head->row_size, level->record_count};
     kl_status st = octree_check_header(level, err);
 
     if (st != KL_OK) return st;
-    row_walk_to(&walk, walk.size);
-    if (!row_walk_is_done(&walk) ||
-        !places_are_equal(walk.starts,
-                          slots_places(level->slots, level->octree.slot_count, walk.key))) {
-        return kl_fail(err, KL_ERR_CORRUPT, "octree: a row, or a slot's place, is not sound");
+    if (!nodes_are_sound(level->nodes, head->node_count, 0, &counts) ||
+        !rows_are_sound(level->rows, head->row_size, 0, &counts)) {
+        return kl_fail(err, KL_ERR_CORRUPT, "octree: a row, or a node, is not sound");
     }
     return KL_OK;
 }

@@ -49,43 +49,41 @@ KL_FN kl_u32 kl_record_level(kl_u32 form)
     return (form >> 20) & 0xfu;
 }
 
-#define KL_DIRECTORY_BITS 5 /* the root cube has 32^3 directory cells */
-#define KL_DIRECTORY_SIZE 32768
+/* Index of one bounce level: an octree whose leaves list what may serve a point in them, so that a
+ * query goes down once and reads one row. A record lies in every leaf that its disc touches. Where
+ * records of several directions meet, a node divides by the face of the direction cube instead.
+ * `nodes` begins with a grid of 8^top_bits entries, z-major, then has groups of eight: the octants
+ * (x + 2 y + 4 z) or the faces (2 axis + sign) of a cell. An entry is KL_NODE_EMPTY, a leaf's row,
+ * or the first of another group, which lies further on. A row ends with its first marked item. */
+#define KL_TOP_BITS_MAX     5u
+#define KL_NODE_EMPTY       0u
+#define KL_NODE_LEAF        0x80000000u /* the rest is where the row begins */
+#define KL_NODE_FACES       0x40000000u /* the group divides by faces, else by octants */
+#define KL_NODE_INDEX       0x3fffffffu
+#define KL_ROW_LAST         0x80000000u /* the rest is a record's number */
+#define KL_ROW_MAX          64          /* records of a row; more do not serve a point better */
+#define KL_OCTREE_MAX_LEVEL 17u         /* cells are not smaller than 2^-17 of the root's edge */
 
-/* Index of one bounce level: a multi-level grid hashed by cell, that is a linear octree (methods:
- * Warren and Salmon, "A parallel hashed oct-tree N-body algorithm", 1993). Cell edge at level l is
- * side / 2^l. A record lies in every cell of its level that its disc touches, once for each of the
- * six faces of the direction cube that normals it may serve point to: surfaces that meet at an edge
- * do not get in each other's way.
- * A coarse directory says which levels have anything near, so that a query probes only those. */
 typedef struct kl_octree_header {
     float root_min[3]; /* [m], render space */
     float side;        /* [m] edge of the root cube, a power of two */
-    kl_u32 level_mask; /* bit l: some record lives on level l */
-    kl_u32 slot_count; /* power of two */
-    kl_u32 row_size;   /* entries in rows; the first KL_DIRECTORY_SIZE are the directory: masks
-                        * of the levels with cells in or around each directory cell */
+    kl_u32 top_bits;   /* the grid that nodes begin with has 2^top_bits cells along an edge */
+    kl_u32 node_count; /* entries in nodes */
+    kl_u32 row_size;   /* entries in rows */
     kl_u32 record_count;
-    kl_u32 salt;    /* of the cell hash, chosen so that no two cells look alike */
     float reach;    /* radii were enlarged by this factor when the cells were filled */
     float accuracy; /* radius over raw radius that the records' radii were made with */
-    float cos_max;  /* ditto: largest angle between normals that queries allow */
-    kl_u32 pad[4];
+    float cos_max;  /* largest angle between normals that queries allow: its cosine */
+    kl_u32 pad[5];
 } kl_octree_header;
 KL_ASSERT_SIZE(kl_octree_header, 64);
-
-typedef struct kl_octree_slot {
-    kl_u32 tag; /* 32 bits of the cell's hash, 0: empty */
-    kl_u32 row; /* start in rows: a check word, a count, then that many record numbers */
-} kl_octree_slot;
-KL_ASSERT_SIZE(kl_octree_slot, 8);
 
 /* One level as queries see it. Not shared bytes. */
 typedef struct kl_level_view {
     kl_octree_header head; /* record_count 0: nothing here */
     const KL_GLOBAL kl_record_hot *hot;
     const KL_GLOBAL kl_record_cold *cold;
-    const KL_GLOBAL kl_octree_slot *slots;
+    const KL_GLOBAL kl_u32 *nodes;
     const KL_GLOBAL kl_u32 *rows;
 #if !KL_DEVICE
     kl_u8 *used; /* a byte a record, 1 once it has served; NULL: nobody asks */
@@ -110,9 +108,9 @@ struct kl_level_arrays {
     kl_u32 record_count;
     const kl_record_hot *hot;
     const kl_record_cold *cold;
-    kl_octree_header octree;     /* record_count 0 in it: not indexed */
-    const kl_octree_slot *slots; /* octree.slot_count */
-    const kl_u32 *rows;          /* octree.row_size */
+    kl_octree_header octree; /* record_count 0 in it: not indexed */
+    const kl_u32 *nodes;     /* octree.node_count */
+    const kl_u32 *rows;      /* octree.row_size */
 };
 #endif
 

@@ -5,7 +5,6 @@
 #include "kernels/cache_data.h"
 #include "kernels/sampling.h"
 
-#define KL_OCTREE_MAX_LEVEL  17
 #define KL_BEHIND_TOLERANCE  0.1f /* of the radius: methods of Ward 1988, relative here */
 #define KL_SLAB              0.4f /* height above the record's plane, in radii: same surface */
 #define KL_MIN_EXTRAPOLATION 0.05f
@@ -49,66 +48,74 @@ KL_FN kl_u32 kl_normal_face(kl_vec3 n)
     return n.z < 0.0f ? 5u : 4u;
 }
 
-/* 32 bits of hash for a cell, never 0. `kind`: 8 * level + face. */
-KL_FN kl_u32 kl_cell_tag(kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z, kl_u32 salt)
+/* Row of what may serve p with a normal on `face`, or KL_NONE. Points outside of the root are
+ * served by the cells at its rim. */
+KL_FN kl_u32 kl_octree_row(const kl_level_view *c, kl_vec3 p, kl_u32 face)
 {
-    kl_u32 h = kl_hash((kl_u32)x + salt);
-    h = kl_hash(h ^ ((kl_u32)y * 0x9e3779b1u));
-    h = kl_hash(h ^ ((kl_u32)z * 0x85ebca77u) ^ (kind << 24));
-    return h ? h : 1u;
-}
-/* 32 more bits: the first word of the cell's row. */
-KL_FN kl_u32 kl_cell_check(kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z)
-{
-    return kl_hash((kl_u32)x * 0xc2b2ae3du +
-                   kl_hash((kl_u32)y * 0x27d4eb2fu + kl_hash((kl_u32)z + (kind << 24))));
+    const float last = (float)((1u << KL_OCTREE_MAX_LEVEL) - 1u);
+    const float scale = (float)(1u << KL_OCTREE_MAX_LEVEL) / c->head.side;
+    const kl_u32 x = (kl_u32)kl_clamp((p.x - c->head.root_min[0]) * scale, 0.0f, last);
+    const kl_u32 y = (kl_u32)kl_clamp((p.y - c->head.root_min[1]) * scale, 0.0f, last);
+    const kl_u32 z = (kl_u32)kl_clamp((p.z - c->head.root_min[2]) * scale, 0.0f, last);
+    const kl_u32 bits = c->head.top_bits;
+    kl_u32 shift = KL_OCTREE_MAX_LEVEL - bits;
+    kl_u32 entry = c->nodes[((z >> shift) << bits | y >> shift) << bits | x >> shift];
+    while (!(entry & KL_NODE_LEAF)) {
+        kl_u32 child = face;
+        if (entry == KL_NODE_EMPTY) return KL_NONE;
+        if (!(entry & KL_NODE_FACES)) {
+            if (shift == 0u) return KL_NONE; /* no cache of ours */
+            --shift;
+            child = (x >> shift & 1u) | (y >> shift & 1u) << 1 | (z >> shift & 1u) << 2;
+        }
+        entry = c->nodes[(entry & KL_NODE_INDEX) + child];
+    }
+    return entry & ~KL_NODE_LEAF;
 }
 
-/* Row of a cell (its count and records), or KL_NONE. */
-KL_FN kl_u32 kl_octree_find(const kl_level_view *c, kl_u32 kind, kl_i32 x, kl_i32 y, kl_i32 z)
+/* Cosine and sine of a record's axis angle: series good to 4e-6, the same on every compiler. */
+KL_FN kl_vec2 kl_record_axis(kl_u32 form)
 {
-    const kl_u32 mask = c->head.slot_count - 1u;
-    const kl_u32 tag = kl_cell_tag(kind, x, y, z, c->head.salt);
-    kl_u32 i = tag & mask;
-    for (kl_u32 n = 0; n <= mask; ++n) {
-        const kl_u32 here = c->slots[i].tag;
-        if (here == tag && c->rows[c->slots[i].row] == kl_cell_check(kind, x, y, z)) {
-            return c->slots[i].row + 1u;
-        }
-        if (here == 0u) return KL_NONE;
-        i = (i + 1u) & mask;
-    }
-    return KL_NONE;
+    const float v = kl_record_axis_angle(form) - 0.5f * KL_PI;
+    const float v2 = v * v;
+    kl_vec2 axis;
+    axis.x =
+        -v *
+        (1.0f + v2 * (-1.0f / 6 + v2 * (1.0f / 120 + v2 * (-1.0f / 5040 + v2 * (1.0f / 362880)))));
+    axis.y = 1.0f +
+             v2 * (-0.5f + v2 * (1.0f / 24 +
+                                 v2 * (-1.0f / 720 + v2 * (1.0f / 40320 - v2 * (1.0f / 3628800)))));
+    return axis;
 }
 
 /* Weight of a record at point p with normal n; 0 where it does not apply. Elliptic hat of
  * Schwarzhaupt, Jensen, Jarosz 2012; behind test with the mean normal after Ward 1988. */
 KL_FN float kl_record_weight(const KL_GLOBAL kl_record_hot *r, kl_vec3 p, kl_vec3 n,
-                             const kl_query *q, kl_vec3 *offset, kl_vec3 *normal)
+                             const kl_query *q, kl_vec3 *offset, kl_frame *frame)
 {
     const kl_vec3 d = kl_v3_sub(p, kl_v3_load(r->pos));
-    const float reach = q->reach * r->radius2;
-    const float d2 = kl_dot(d, d);
-    if (!(d2 < reach * reach)) return 0.0f;
     const kl_vec3 ni = kl_oct_decode(r->normal);
-    const float cosine = kl_dot(n, ni);
-    if (!(cosine > q->cos_max)) return 0.0f;
+    const float reach = q->reach * r->radius2;
     const float r1 = q->reach * r->radius;
-    if (kl_fabs(kl_dot(d, ni)) > KL_SLAB * r1) return 0.0f;
-    if (0.5f * (kl_dot(d, n) + kl_dot(d, ni)) < -KL_BEHIND_TOLERANCE * r1) return 0.0f;
-    float t2 = d2 / (r1 * r1);
-    if (r->radius2 > r->radius) {
-        const kl_frame f = kl_frame_from_normal(ni);
-        const float angle = kl_record_axis_angle(r->form);
-        const float x = kl_dot(d, f.t);
-        const float y = kl_dot(d, f.b);
-        const float major = y * kl_cos(angle) - x * kl_sin(angle);
-        t2 -= major * major * (1.0f / (r1 * r1) - 1.0f / (reach * reach));
-    }
+    const float d2 = kl_dot(d, d);
+    const float height = kl_dot(d, ni);
+    const float cosine = kl_dot(n, ni);
+    /* One branch that mispredicts instead of four. */
+    const int applies = (d2 < reach * reach) & (cosine > q->cos_max) &
+                        (kl_fabs(height) <= KL_SLAB * r1) &
+                        (0.5f * (kl_dot(d, n) + height) >= -KL_BEHIND_TOLERANCE * r1);
+    if (!applies) return 0.0f;
     *offset = d;
-    *normal = ni;
-    return kl_fmax(0.0f, 1.0f - kl_sqrt(kl_fmax(t2, 0.0f))) * (cosine - q->cos_max) /
-           (1.0f - q->cos_max);
+    *frame = kl_frame_from_normal(ni);
+    const float steep = 1.0f / (r1 * r1);
+    float t2 = d2 * steep;
+    if (r->radius2 > r->radius) {
+        const kl_vec2 axis = kl_record_axis(r->form);
+        const float major = kl_dot(d, frame->b) * axis.x - kl_dot(d, frame->t) * axis.y;
+        t2 -= major * major * (steep - 1.0f / (reach * reach));
+    }
+    return kl_fmax(0.0f, 1.0f - kl_sqrt(kl_fmax(t2, 0.0f))) * (cosine - q->cos_max) *
+           (1.0f / (1.0f - q->cos_max));
 }
 
 /* One of KL_SECTORS azimuths for a direction in a record's frame: quadrant, then third of it. */
@@ -121,15 +128,28 @@ KL_FN kl_u32 kl_sector_of(float x, float y)
     return 3u * quadrant + third;
 }
 
+#define KL_CLEARANCE_LEAST ((127u - 27u) * 8u) /* a float's upper bits: 2^-27 */
+
+/* Square of what clearances are told in [m^2]. */
+KL_FN float kl_clearance_unit2(const KL_GLOBAL kl_record_cold *c)
+{
+    const float spacing = kl_half_to_float(c->error_spacing >> 16); /* may exceed 1 */
+    const float unit = kl_fmax(spacing, 1.0f) * c->raw_radius;
+    return unit * unit;
+}
+
 /* Code of a squared distance [m^2], for comparison: steps of an eighth of an octave or less, from
  * 2^-13 to 5 times the largest radius that the record may be given. 0..254. */
 KL_FN kl_u32 kl_clearance_code(const KL_GLOBAL kl_record_cold *c, float d2)
 {
-    const float spacing = kl_half_to_float(c->error_spacing >> 16); /* may exceed 1 */
-    const float unit = kl_fmax(spacing, 1.0f) * c->raw_radius;
-    const kl_u32 bits = kl_as_u32(kl_fmin(d2 / (unit * unit), 1e30f)) >> 20;
-    const kl_u32 least = (127u - 27u) * 8u;
+    const kl_u32 bits = kl_as_u32(kl_fmin(d2 / kl_clearance_unit2(c), 1e30f)) >> 20;
+    const kl_u32 least = KL_CLEARANCE_LEAST;
     return bits <= least ? 0u : (bits - least < 254u ? bits - least : 254u);
+}
+/* Least distance [m] of a code: from there on a record with it is blocked. */
+KL_FN float kl_clearance_distance(const KL_GLOBAL kl_record_cold *c, kl_u32 code)
+{
+    return kl_sqrt(kl_as_f32((code + KL_CLEARANCE_LEAST) << 20) * kl_clearance_unit2(c));
 }
 
 /* Is the horizon blocked between the record and a point at local offset (x, y)? Uses the distances
@@ -165,64 +185,38 @@ KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_
     return kl_v3(e[0], e[1], e[2]);
 }
 
-/* Levels that have anything near a point, given relative to the root's corner. */
-KL_FN kl_u32 kl_octree_levels(const kl_level_view *c, kl_vec3 rel)
-{
-    const float cells = (float)(1 << KL_DIRECTORY_BITS);
-    const float scale = cells / c->head.side;
-    const kl_u32 x = (kl_u32)kl_clamp(rel.x * scale, 0.0f, cells - 1.0f);
-    const kl_u32 y = (kl_u32)kl_clamp(rel.y * scale, 0.0f, cells - 1.0f);
-    const kl_u32 z = (kl_u32)kl_clamp(rel.z * scale, 0.0f, cells - 1.0f);
-    return c->rows[(z << (2 * KL_DIRECTORY_BITS)) | (y << KL_DIRECTORY_BITS) | x];
-}
-
-/* Rows that hold what is near a point, finest level first; their number. */
-KL_FN kl_u32 kl_octree_rows(const kl_level_view *c, kl_vec3 p, kl_u32 face,
-                            kl_u32 rows[KL_OCTREE_MAX_LEVEL + 1])
-{
-    const kl_vec3 rel =
-        kl_v3_sub(p, kl_v3(c->head.root_min[0], c->head.root_min[1], c->head.root_min[2]));
-    const kl_u32 levels = kl_octree_levels(c, rel);
-    kl_u32 count = 0;
-    for (kl_u32 level = KL_OCTREE_MAX_LEVEL + 1u; level-- > 0u;) {
-        if (!((levels >> level) & 1u)) continue;
-        const float scale = (float)(1u << level) / c->head.side;
-        const kl_u32 row =
-            kl_octree_find(c, 8u * level + face, (kl_i32)kl_floor(rel.x * scale),
-                           (kl_i32)kl_floor(rel.y * scale), (kl_i32)kl_floor(rel.z * scale));
-        if (row == KL_NONE) continue;
-        KL_PREFETCH(&c->hot[c->rows[row + 1u]]);
-        rows[count++] = row;
-    }
-    return count;
-}
-
 #define KL_CHUNK 16
 
-/* Of up to KL_CHUNK records, those whose radius reaches p; their number. No branches to mispredict,
- * and what the next step reads is on its way. */
-KL_FN kl_u32 kl_records_near(const kl_level_view *c, const KL_GLOBAL kl_u32 *row, kl_u32 count,
-                             kl_vec3 p, float reach2, kl_u32 near[KL_CHUNK])
+/* Of the next KL_CHUNK records of a row, those whose radius reaches p; their number. No branches to
+ * mispredict. *at moves on; KL_NONE behind the last. */
+KL_FN kl_u32 kl_records_near(const kl_level_view *c, kl_u32 *at, kl_vec3 p, float reach2,
+                             kl_u32 near[KL_CHUNK])
 {
     kl_u32 found = 0;
-    for (kl_u32 k = 0; k < count; ++k) {
-        const KL_GLOBAL kl_record_hot *r = &c->hot[row[k]];
+    kl_u32 item = 0;
+    for (kl_u32 k = 0; k < KL_CHUNK && !(item & KL_ROW_LAST); ++k) {
+        item = c->rows[*at + k];
+        const kl_u32 i = item & ~KL_ROW_LAST;
+        const KL_GLOBAL kl_record_hot *r = &c->hot[i];
         const kl_vec3 d = kl_v3_sub(p, kl_v3_load(r->pos));
-        near[found] = row[k];
-        KL_PREFETCH(&c->cold[row[k]]);
+        near[found] = i;
         found += kl_dot(d, d) < reach2 * r->radius2 * r->radius2 ? 1u : 0u;
     }
+    for (kl_u32 k = 0; k < found; ++k) {
+        KL_PREFETCH(&c->cold[near[k]]);
+    }
+    *at = item & KL_ROW_LAST ? KL_NONE : *at + KL_CHUNK;
     return found;
 }
 
 KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl_vec3 p, kl_vec3 n,
                          kl_vec3 bent, kl_answer *a)
 {
-    kl_vec3 offset, normal;
+    kl_vec3 offset;
+    kl_frame f;
     const KL_GLOBAL kl_record_cold *cold = &c->cold[i];
-    const float w = kl_record_weight(&c->hot[i], p, n, q, &offset, &normal);
+    const float w = kl_record_weight(&c->hot[i], p, n, q, &offset, &f);
     if (!(w > 0.0f)) return;
-    const kl_frame f = kl_frame_from_normal(normal);
     if (kl_record_is_blocked(cold, kl_dot(offset, f.t), kl_dot(offset, f.b))) return;
     /* Where a small record serves, a large one that reaches there knows less. */
     const float fine = c->head.side / c->hot[i].radius;
@@ -242,7 +236,6 @@ KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl
 KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec3 p, kl_vec3 n,
                                kl_vec3 bent)
 {
-    kl_u32 rows[KL_OCTREE_MAX_LEVEL + 1];
     kl_answer a;
     a.irr = kl_v3_splat(0.0f);
     a.weight = 0.0f;
@@ -251,18 +244,12 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     a.error = 0.0f;
     a.radius = 0.0f;
     if (c->head.record_count == 0u) return a;
-    const kl_u32 found = kl_octree_rows(c, p, kl_normal_face(n), rows);
-    for (kl_u32 r = 0; r < found && a.weight < q->enough; ++r) {
-        const KL_GLOBAL kl_u32 *row = c->rows + rows[r] + 1u;
-        const kl_u32 count = c->rows[rows[r]];
-        for (kl_u32 first = 0; first < count; first += KL_CHUNK) {
-            kl_u32 near[KL_CHUNK];
-            const kl_u32 size = count - first < KL_CHUNK ? count - first : KL_CHUNK;
-            const kl_u32 n_near =
-                kl_records_near(c, row + first, size, p, q->reach * q->reach, near);
-            for (kl_u32 k = 0; k < n_near; ++k) {
-                kl_answer_add(c, q, near[k], p, n, bent, &a);
-            }
+    kl_u32 at = kl_octree_row(c, p, kl_normal_face(n));
+    while (at != KL_NONE && a.weight < q->enough) {
+        kl_u32 near[KL_CHUNK];
+        const kl_u32 found = kl_records_near(c, &at, p, q->reach * q->reach, near);
+        for (kl_u32 k = 0; k < found; ++k) {
+            kl_answer_add(c, q, near[k], p, n, bent, &a);
         }
     }
     if (a.weight > 0.0f) {

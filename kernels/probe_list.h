@@ -46,10 +46,9 @@
     F(kl_record_hot, radius2) F(kl_record_hot, form) F(kl_record_hot, object)                     \
     T(kl_record_cold) F(kl_record_cold, grad_t) F(kl_record_cold, grad_r)                         \
     F(kl_record_cold, raw_radius) F(kl_record_cold, clearance) F(kl_record_cold, touched)         \
-    T(kl_octree_header) F(kl_octree_header, side) F(kl_octree_header, level_mask)                 \
-    F(kl_octree_header, slot_count) F(kl_octree_header, row_size)                                 \
-    F(kl_octree_header, record_count) F(kl_octree_header, salt) F(kl_octree_header, reach)        \
-    T(kl_octree_slot) F(kl_octree_slot, row)
+    T(kl_octree_header) F(kl_octree_header, side) F(kl_octree_header, top_bits)                   \
+    F(kl_octree_header, node_count) F(kl_octree_header, row_size)                                 \
+    F(kl_octree_header, record_count) F(kl_octree_header, reach) F(kl_octree_header, cos_max)
 
 #define KL_PROBE_GATHER(T, F)                                                                     \
     T(kl_gather_point) F(kl_gather_point, geometric) F(kl_gather_point, rot_sin)                  \

@@ -57,14 +57,14 @@ KL_ASSERT_SIZE(kl_scene_scalars, 48);
  * tells several levels apart. */
 #define KL_LEVEL_PARAMS(l)                                                                         \
     const kl_octree_header l##_head, const KL_GLOBAL kl_record_hot *l##_hot,                       \
-        const KL_GLOBAL kl_record_cold *l##_cold, const KL_GLOBAL kl_octree_slot *l##_slots,       \
+        const KL_GLOBAL kl_record_cold *l##_cold, const KL_GLOBAL kl_u32 *l##_nodes,               \
         const KL_GLOBAL kl_u32 *l##_rows
 #define KL_LEVEL_VIEW(l)                                                                           \
     kl_level_view l;                                                                               \
     l.head = l##_head;                                                                             \
     l.hot = l##_hot;                                                                               \
     l.cold = l##_cold;                                                                             \
-    l.slots = l##_slots;                                                                           \
+    l.nodes = l##_nodes;                                                                           \
     l.rows = l##_rows
 
 #endif

@@ -196,6 +196,13 @@ static json_t *describe_use(const struct summary *s)
                      when);
 }
 
+/* All told: the same bytes are on disk and mapped. */
+static double bytes_per_record(const struct summary *s)
+{
+    const uint64_t records = total_records(s);
+    return records > 0 ? (double)s->bytes / (double)records : 0.0;
+}
+
 /* Takes s->history. */
 static json_t *describe(const char *dir, const struct summary *s)
 {
@@ -214,13 +221,13 @@ static json_t *describe(const char *dir, const struct summary *s)
     kl_hash_to_hex(s->key.scene, KL_DIGEST_SIZE, scene);
     kl_hash_to_hex(s->key.settings, KL_DIGEST_SIZE, settings);
     return json_pack(
-        "{s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:s,s:s,s:o,s:o,s:[fff],s:o,s:o}", "path", dir, "records",
-        (json_int_t)total_records(s), "segments", (json_int_t)s->segments, "bytes",
-        (json_int_t)s->bytes, "generation", (json_int_t)s->generation, "oldest",
-        (json_int_t)(total_records(s) > 0 ? s->oldest : 0), "damaged", (json_int_t)s->damaged,
-        "stores", (json_int_t)s->stores, "scene_digest", scene, "settings_digest", settings,
-        "levels", levels, "box", box, "origin", s->key.origin[0], s->key.origin[1],
-        s->key.origin[2], "use", describe_use(s), "history", s->history);
+        "{s:s,s:I,s:I,s:I,s:f,s:I,s:I,s:I,s:I,s:s,s:s,s:o,s:o,s:[fff],s:o,s:o}", "path", dir,
+        "records", (json_int_t)total_records(s), "segments", (json_int_t)s->segments, "bytes",
+        (json_int_t)s->bytes, "bytes_per_record", bytes_per_record(s), "generation",
+        (json_int_t)s->generation, "oldest", (json_int_t)(total_records(s) > 0 ? s->oldest : 0),
+        "damaged", (json_int_t)s->damaged, "stores", (json_int_t)s->stores, "scene_digest", scene,
+        "settings_digest", settings, "levels", levels, "box", box, "origin", s->key.origin[0],
+        s->key.origin[1], s->key.origin[2], "use", describe_use(s), "history", s->history);
 }
 
 static void print_history(const json_t *history)
@@ -251,7 +258,8 @@ static void print_text(const char *dir, const struct summary *s)
                  (unsigned long long)s->records[0], (unsigned long long)s->records[1]);
     (void)printf("segments    %llu, %llu damaged\n", (unsigned long long)s->segments,
                  (unsigned long long)s->damaged);
-    (void)printf("bytes       %llu\n", (unsigned long long)s->bytes);
+    (void)printf("bytes       %llu, %.0f a record\n", (unsigned long long)s->bytes,
+                 bytes_per_record(s));
     (void)printf("generation  %llu, oldest records of %lu\n", (unsigned long long)s->generation,
                  (unsigned long)(total_records(s) > 0 ? s->oldest : 0));
     if (s->renders > 0) {

@@ -4,6 +4,7 @@
 #include "src/cache/falloff.h"
 #include "src/cache/octree.h"
 #include "src/cache/record.h"
+#include "src/cache/validity.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -88,8 +89,37 @@ static void serve_owned(struct level *l, uint32_t count)
                                        .hot = l->hot,
                                        .cold = l->cold,
                                        .octree = l->octree.head,
-                                       .slots = l->octree.slots,
+                                       .nodes = l->octree.nodes,
                                        .rows = l->octree.rows};
+}
+
+static kl_status build_octree(struct kl_cache *c, uint32_t number, struct kl_err *err)
+{
+    struct level *l = &c->levels[number];
+    const uint32_t n = l->part.record_count;
+    const struct kl_octree_limits limits = {c->settings.reach[number], c->settings.cos_max};
+    kl_octree_fini(&l->octree);
+    kl_status st = kl_octree_build(&c->root, l->hot, n, &limits, &l->octree, err);
+    l->octree.head.accuracy = c->settings.accuracy[number];
+    serve_owned(l, n);
+    return st;
+}
+
+/* Let no record reach far into what nearer ones serve. */
+static kl_status clamp_by_validity(struct kl_cache *c, uint32_t number, struct kl_err *err)
+{
+    struct level *l = &c->levels[number];
+    const kl_level_view view = kl_cache_view(c, number);
+    const uint32_t n = l->part.record_count;
+    float *limits = NULL;
+    kl_status st = kl_alloc_array(&limits, n, sizeof *limits, err);
+    if (st != KL_OK) return st;
+    kl_validity_limits(&view, limits);
+    for (uint32_t i = 0; i < n; ++i) {
+        kl_record_limit_radii(&l->hot[i], &l->cold[i], limits[i]);
+    }
+    free(limits);
+    return KL_OK;
 }
 
 /* Clamp all radii by their neighbours and rebuild the index of an owned level. */
@@ -107,12 +137,9 @@ static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err 
         const float clamped = slope * kl_falloff_at(l->falloff, l->hot[i].pos, wish / slope);
         kl_record_set_radii(&l->hot[i], &l->cold[i], clamped, &settings);
     }
-    kl_octree_fini(&l->octree);
-    const struct kl_octree_limits limits = {c->settings.reach[number], c->settings.cos_max};
-    st = kl_octree_build(&c->root, l->hot, n, &limits, &l->octree, err);
-    l->octree.head.accuracy = settings.accuracy;
-    serve_owned(l, n);
-    return st;
+    st = build_octree(c, number, err);
+    if (st == KL_OK) st = clamp_by_validity(c, number, err);
+    return st == KL_OK ? build_octree(c, number, err) : st;
 }
 
 /* Copy adopted arrays so that they can grow. */
@@ -322,7 +349,7 @@ kl_status kl_cache_finish(struct kl_cache *cache, struct kl_err *err)
 kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level)
 {
     const struct kl_level_arrays *p = &cache->levels[level].part;
-    return (kl_level_view){p->octree, p->hot, p->cold, p->slots, p->rows, NULL};
+    return (kl_level_view){p->octree, p->hot, p->cold, p->nodes, p->rows, NULL};
 }
 
 struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_t level)

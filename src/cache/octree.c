@@ -7,14 +7,43 @@
 #include <stdlib.h>
 #include <string.h>
 
-struct pair {     /* a record in a cell */
-    uint64_t key; /* level, then cell coordinates */
-    uint32_t record;
+/* A cell is divided as long as rows get shorter at a fair price: the logarithm of how much shorter
+ * a row gets, over that of how many more items all rows have. Measured: lower values buy little
+ * time for much memory (docs/decisions/0015). */
+static const float least_gain = 0.7f;
+static const float free_gain = 100.0f;        /* rows get hardly more items */
+static const float least_forced_gain = 0.15f; /* of rows that are longer than KL_ROW_MAX */
+/* What the rows may take, in items a record, before no more cells are divided for time's sake, and
+ * before none are divided to keep rows whole. */
+enum { SHORT_ROW = 10, ITEMS_EACH = 16, ITEMS_FORCED = 64, ITEMS_FREE = 4096 };
+
+/* What of a record the index is about. */
+struct disc {
+    kl_vec3 pos, normal;
+    float lo[3], hi[3]; /* of the slab of the ellipsoid in which the weight is not 0 */
+    float reach, thick; /* [m] radius about pos, half height above the plane */
+    float radius;
+    uint32_t faces;
 };
 
-struct pairs {
-    struct pair *items;
-    size_t count, capacity;
+struct cell {
+    uint32_t level, at[3];
+};
+
+struct builder {
+    const struct kl_octree_root *root;
+    struct disc *discs;
+    uint32_t count;
+    struct kl_octree *out;
+    size_t node_count, node_capacity, row_count, row_capacity;
+    /* A stack of lists: the records of the cells on the way down, and the children they touch. */
+    uint32_t *items;
+    uint8_t *masks;
+    size_t item_capacity, mask_capacity;
+};
+
+struct list {
+    size_t first, count; /* in items and masks */
 };
 
 struct kl_octree_root kl_octree_root_make(const float center[3], float radius)
@@ -25,35 +54,6 @@ struct kl_octree_root kl_octree_root_make(const float center[3], float radius)
         root.min[k] = center[k] - 0.5f * root.side;
     }
     return root;
-}
-
-/* Cells of level l have edges in [r, 2 r) / sqrt(2): measured best between references (14 a record)
- * and candidates. */
-static uint32_t level_of(float side, float r)
-{
-    const float l = floorf(log2f(side / r) + 0.5f);
-    return (uint32_t)kl_clamp(l, 0.0f, (float)KL_OCTREE_MAX_LEVEL);
-}
-
-/* Kind (level and face) above cell coordinates; cells just outside the root are at -2 at most. */
-enum { KEY_BITS = 18, KEY_BIAS = 4 };
-
-static uint64_t key_make(uint32_t kind, const int32_t cell[3])
-{
-    uint64_t key = kind;
-    for (int k = 2; k >= 0; --k) {
-        key = key << KEY_BITS | (uint64_t)(cell[k] + KEY_BIAS);
-    }
-    return key;
-}
-
-static uint32_t key_split(uint64_t key, int32_t cell[3])
-{
-    for (int k = 0; k < 3; ++k) {
-        cell[k] = (int32_t)(key & ((1u << KEY_BITS) - 1)) - KEY_BIAS;
-        key >>= KEY_BITS;
-    }
-    return (uint32_t)key;
 }
 
 /* Faces that normals within the cone about n may point to: bit set. Superset, exact on the axes. */
@@ -72,207 +72,369 @@ static uint32_t faces_of(kl_vec3 n, float cos_max)
     return faces;
 }
 
-/* Does a cell touch the part of the record's sphere that the slab test of kl_record_weight lets
- * through? */
-static bool touches(const kl_record_hot *r, kl_vec3 n, float reach, kl_vec3 lo, float edge)
+/* What counts as far beyond the root: squares of it are still finite. */
+static float far_away(const struct kl_octree_root *root)
 {
-    const float half = 0.5f * edge;
-    const kl_vec3 center = kl_v3(lo.x + half, lo.y + half, lo.z + half);
-    const kl_vec3 d = kl_v3_sub(center, kl_v3_load(r->pos));
-    const float slack = 1.0001f * half;
-    const float dx = kl_fmax(0.0f, fabsf(d.x) - slack);
-    const float dy = kl_fmax(0.0f, fabsf(d.y) - slack);
-    const float dz = kl_fmax(0.0f, fabsf(d.z) - slack);
-    const float r2 = reach * r->radius2;
-    if (dx * dx + dy * dy + dz * dz > r2 * r2) return false;
-    const float thick = KL_SLAB * reach * r->radius * 1.0001f;
-    return fabsf(kl_dot(d, n)) <= thick + slack * (fabsf(n.x) + fabsf(n.y) + fabsf(n.z));
+    return 1e6f * root->side;
 }
 
-static kl_status add_pairs(struct pairs *pairs, uint32_t level, uint32_t faces,
-                           const int32_t cell[3], uint32_t number, struct kl_err *err)
+static struct disc disc_of(const struct kl_octree_root *root, const kl_record_hot *r,
+                           const struct kl_octree_limits *limits)
 {
-    for (uint32_t f = 0; f < 6; ++f) {
-        if (!((faces >> f) & 1u)) continue;
-        kl_status st = kl_grow_array(&pairs->items, &pairs->capacity, pairs->count + 1,
-                                     sizeof *pairs->items, err);
-        if (st != KL_OK) return st;
-        pairs->items[pairs->count++] = (struct pair){key_make(8 * level + f, cell), number};
-    }
-    return KL_OK;
-}
-
-static kl_status add_record(const struct kl_octree_root *root, const kl_record_hot *r,
-                            uint32_t number, const struct kl_octree_limits *limits,
-                            struct pairs *pairs, struct kl_err *err)
-{
-    const float radius = limits->reach * r->radius2;
-    const uint32_t level = level_of(root->side, radius);
-    const float edge = root->side / (float)(1u << level);
+    const float most = far_away(root);
     const kl_vec3 n = kl_oct_decode(r->normal);
-    const uint32_t faces = faces_of(n, limits->cos_max);
-    const float limit = (float)((1u << level) + 2);
-    int32_t lo[3];
-    int32_t hi[3];
-    int32_t c[3];
-
+    const kl_frame f = kl_frame_from_normal(n);
+    const kl_vec2 axis = kl_record_axis(r->form);
+    const kl_vec3 minor = kl_v3_mad(kl_v3_scale(f.t, axis.x), axis.y, f.b);
+    const kl_vec3 major = kl_v3_mad(kl_v3_scale(f.b, axis.x), -axis.y, f.t);
+    const float r1 = fminf(1.0001f * limits->reach * r->radius, most);
+    const float r2 = fminf(1.0001f * limits->reach * r->radius2, most);
+    const float up[3] = {n.x, n.y, n.z};
+    const float across[3] = {minor.x, minor.y, minor.z};
+    const float along[3] = {major.x, major.y, major.z};
+    struct disc d = {.pos = kl_v3_load(r->pos),
+                     .normal = n,
+                     .reach = r2,
+                     .thick = KL_SLAB * r1,
+                     .radius = r->radius,
+                     .faces = faces_of(n, limits->cos_max)};
     for (int k = 0; k < 3; ++k) {
-        const float rel = r->pos[k] - root->min[k];
-        lo[k] = (int32_t)floorf(kl_clamp((rel - radius) / edge, -2.0f, limit));
-        hi[k] = (int32_t)floorf(kl_clamp((rel + radius) / edge, -2.0f, limit));
+        const float flat = hypotf(r2 * along[k], r1 * across[k]);
+        const float extent = fminf(hypotf(flat, r1 * up[k]), flat + d.thick * fabsf(up[k]));
+        d.lo[k] = r->pos[k] - extent;
+        d.hi[k] = r->pos[k] + extent;
     }
-    for (c[2] = lo[2]; c[2] <= hi[2]; ++c[2]) {
-        for (c[1] = lo[1]; c[1] <= hi[1]; ++c[1]) {
-            for (c[0] = lo[0]; c[0] <= hi[0]; ++c[0]) {
-                const kl_vec3 corner =
-                    kl_v3(root->min[0] + (float)c[0] * edge, root->min[1] + (float)c[1] * edge,
-                          root->min[2] + (float)c[2] * edge);
-                if (!touches(r, n, limits->reach, corner, edge)) continue;
-                kl_status st = add_pairs(pairs, level, faces, c, number, err);
-                if (st != KL_OK) return st;
-            }
-        }
-    }
-    return KL_OK;
+    return d;
 }
 
-/* Stable byte-wise radix sort by key. */
-static kl_status sort_pairs(struct pairs *pairs, struct kl_err *err)
+/* Interval of a cell along an axis, with room for rounding; at the root's rim it goes on outwards,
+ * as queries do. */
+static void cell_interval(const struct kl_octree_root *root, uint32_t level, uint32_t at, int axis,
+                          float *lo, float *hi)
 {
-    struct pair *from = pairs->items;
-    struct pair *other = NULL;
-    kl_status st = kl_alloc_array(&other, pairs->count, sizeof *other, err);
+    const float edge = ldexpf(root->side, -(int)level);
+    const float slack = 1e-6f * root->side; /* an eighth of the smallest cell */
+    const float start = root->min[axis] + (float)at * edge;
+    *lo = at == 0 ? start - far_away(root) : start - slack;
+    *hi = at + 1 == 1u << level ? start + far_away(root) : start + edge + slack;
+}
+
+/* Does a disc touch a box? */
+static bool touches(const struct disc *d, const float lo[3], const float hi[3])
+{
+    const float pos[3] = {d->pos.x, d->pos.y, d->pos.z};
+    const float n[3] = {d->normal.x, d->normal.y, d->normal.z};
+    float distance2 = 0.0f;
+    float height = 0.0f;
+    float span = d->thick;
+    for (int k = 0; k < 3; ++k) {
+        const float a = fmaxf(lo[k], d->lo[k]);
+        const float b = fminf(hi[k], d->hi[k]);
+        if (a > b) return false;
+        const float out = fmaxf(0.0f, fmaxf(a - pos[k], pos[k] - b));
+        distance2 += out * out;
+        height += n[k] * (0.5f * (a + b) - pos[k]);
+        span += fabsf(n[k]) * 0.5f * (b - a);
+    }
+    return distance2 <= d->reach * d->reach && fabsf(height) <= 1.0001f * span;
+}
+
+/* Bit set of the octants of a cell that a disc touches. */
+static uint32_t octants_of(const struct kl_octree_root *root, const struct cell *cell,
+                           const struct disc *d)
+{
+    float lo[2][3];
+    float hi[2][3];
+    uint32_t mask = 0;
+    for (int k = 0; k < 3; ++k) {
+        for (uint32_t s = 0; s < 2; ++s)
+            cell_interval(root, cell->level + 1, 2 * cell->at[k] + s, k, &lo[s][k], &hi[s][k]);
+    }
+    for (uint32_t o = 0; o < 8; ++o) {
+        const uint32_t s[3] = {o & 1u, o >> 1 & 1u, o >> 2};
+        const float from[3] = {lo[s[0]][0], lo[s[1]][1], lo[s[2]][2]};
+        const float to[3] = {hi[s[0]][0], hi[s[1]][1], hi[s[2]][2]};
+        if (touches(d, from, to)) mask |= 1u << o;
+    }
+    return mask;
+}
+
+/* What a division into up to eight lists is worth. */
+struct division {
+    uint32_t sizes[8];
+};
+
+static void count_mask(struct division *d, uint32_t mask)
+{
+    for (uint32_t k = 0; k < 8; ++k) {
+        d->sizes[k] += mask >> k & 1u;
+    }
+}
+
+/* Logarithm of the old row's length over the new ones', over that of the growth of all rows. */
+static float gain_of(const struct division *d, size_t count)
+{
+    double sum = 0.0;
+    double squares = 0.0;
+    for (int k = 0; k < 8; ++k) {
+        sum += d->sizes[k];
+        squares += (double)d->sizes[k] * d->sizes[k];
+    }
+    const double shorter = log((double)count * sum / squares);
+    const double growth = log(sum / (double)count);
+    return growth > 1e-3 * shorter ? (float)(shorter / growth) : 1e3f;
+}
+
+static kl_status push_list(struct builder *b, const struct list *list, uint32_t child,
+                           struct list *out, struct kl_err *err)
+{
+    const size_t end = list->first + list->count;
+    kl_status st =
+        kl_grow_array(&b->items, &b->item_capacity, end + list->count, sizeof *b->items, err);
+    if (st == KL_OK) {
+        st = kl_grow_array(&b->masks, &b->mask_capacity, end + list->count, 1, err);
+    }
     if (st != KL_OK) return st;
-    struct pair *to = other;
-    for (int shift = 0; shift < 64; shift += 8) {
-        size_t start[257] = {0};
-        for (size_t i = 0; i < pairs->count; ++i) {
-            ++start[((from[i].key >> shift) & 255u) + 1];
-        }
-        if (pairs->count > 0 && start[((from[0].key >> shift) & 255u) + 1] == pairs->count)
-            continue;
-        for (int k = 0; k < 256; ++k) {
-            start[k + 1] += start[k];
-        }
-        for (size_t i = 0; i < pairs->count; ++i) {
-            to[start[(from[i].key >> shift) & 255u]++] = from[i];
-        }
-        struct pair *swap = from;
-        from = to;
-        to = swap;
+    *out = (struct list){end, 0};
+    for (size_t i = list->first; i < end; ++i) {
+        if (b->masks[i] >> child & 1u) b->items[end + out->count++] = b->items[i];
     }
-    if (from != pairs->items) {
-        memcpy(pairs->items, from, pairs->count * sizeof *from);
-    }
-    free(other);
     return KL_OK;
 }
 
-/* Directory cells that cell `c` of `level` lies in or holds, clamped to the root as queries are. */
-static void mark_directory(struct kl_octree *o, uint32_t level, const int32_t c[3])
+static int compare_discs(const struct disc *discs, uint32_t a, uint32_t b)
 {
-    const float ratio = exp2f((float)KL_DIRECTORY_BITS - (float)level);
-    const float last = (float)((1 << KL_DIRECTORY_BITS) - 1);
-    uint32_t lo[3];
-    uint32_t hi[3];
-    for (int k = 0; k < 3; ++k) {
-        lo[k] = (uint32_t)kl_clamp(floorf((float)c[k] * ratio), 0.0f, last);
-        hi[k] = (uint32_t)kl_clamp(ceilf((float)(c[k] + 1) * ratio) - 1.0f, 0.0f, last);
-    }
-    for (uint32_t z = lo[2]; z <= hi[2]; ++z) {
-        for (uint32_t y = lo[1]; y <= hi[1]; ++y) {
-            for (uint32_t x = lo[0]; x <= hi[0]; ++x) {
-                o->rows[(z << (2 * KL_DIRECTORY_BITS)) | (y << KL_DIRECTORY_BITS) | x] |= 1u
-                                                                                          << level;
-            }
+    const float x = discs[a].radius;
+    const float y = discs[b].radius;
+    if (x != y) return x < y ? -1 : 1;
+    return (a > b) - (a < b);
+}
+
+/* Insertion sort of short rows, by radius and number: the finest first. */
+static void sort_row(const struct disc *discs, uint32_t *row, size_t count)
+{
+    for (size_t i = 1; i < count; ++i) {
+        const uint32_t item = row[i];
+        size_t k = i;
+        for (; k > 0 && compare_discs(discs, item, row[k - 1]) < 0; --k) {
+            row[k] = row[k - 1];
         }
+        row[k] = item;
     }
 }
 
-/* Enter a row under its cell; false if another cell looks exactly like it under this salt. */
-static bool enter_slot(struct kl_octree *o, uint64_t key, uint32_t row)
+/* The KL_ROW_MAX that reach farthest, to the front. Time: linear for what is in one place. */
+static void choose_farthest(const struct disc *discs, uint32_t *items, size_t count)
 {
-    const uint32_t mask = o->head.slot_count - 1;
-    int32_t c[3];
-    const uint32_t kind = key_split(key, c);
-    const uint32_t tag = kl_cell_tag(kind, c[0], c[1], c[2], o->head.salt);
-    uint32_t i = tag & mask;
-    o->rows[row] = kl_cell_check(kind, c[0], c[1], c[2]);
-    mark_directory(o, kind / 8, c);
-    while (o->slots[i].tag != 0) {
-        if (o->slots[i].tag == tag && o->rows[o->slots[i].row] == o->rows[row]) return false;
-        i = (i + 1) & mask;
+    sort_row(discs, items, KL_ROW_MAX);
+    for (size_t i = KL_ROW_MAX; i < count; ++i) {
+        if (compare_discs(discs, items[i], items[0]) < 0) continue;
+        size_t k = 0;
+        for (; k + 1 < KL_ROW_MAX && compare_discs(discs, items[i], items[k + 1]) > 0; ++k) {
+            items[k] = items[k + 1];
+        }
+        items[k] = items[i];
     }
-    o->slots[i] = (kl_octree_slot){tag, row};
-    return true;
 }
 
-static bool fill_tables(struct kl_octree *o, const struct pairs *pairs)
+static kl_status make_leaf(struct builder *b, const struct list *list, uint32_t *entry,
+                           struct kl_err *err)
 {
-    uint32_t row = KL_DIRECTORY_SIZE;
-    memset(o->slots, 0, (size_t)o->head.slot_count * sizeof *o->slots);
-    for (size_t i = 0; i < pairs->count;) {
-        const uint64_t key = pairs->items[i].key;
-        uint32_t count = 0;
-        for (; i < pairs->count && pairs->items[i].key == key; ++i) {
-            o->rows[row + 2 + count++] = pairs->items[i].record;
-        }
-        o->rows[row + 1] = count;
-        if (!enter_slot(o, key, row)) return false;
-        row += 2 + count;
+    uint32_t *items = b->items + list->first;
+    const size_t count = list->count < KL_ROW_MAX ? list->count : KL_ROW_MAX;
+    if (count == 0) {
+        *entry = KL_NODE_EMPTY;
+        return KL_OK;
     }
-    return true;
+    if (list->count > KL_ROW_MAX) choose_farthest(b->discs, items, list->count);
+    sort_row(b->discs, items, count);
+    kl_status st = kl_grow_array(&b->out->rows, &b->row_capacity, b->row_count + count,
+                                 sizeof *b->out->rows, err);
+    if (st != KL_OK) return st;
+    if (b->row_count + count > KL_NODE_INDEX) {
+        return kl_fail(err, KL_ERR_NO_MEMORY, "index of %u records: too many entries", b->count);
+    }
+    memcpy(b->out->rows + b->row_count, items, count * sizeof *items);
+    *entry = KL_NODE_LEAF | (uint32_t)b->row_count;
+    b->row_count += count;
+    b->out->rows[b->row_count - 1] |= KL_ROW_LAST;
+    return KL_OK;
+}
+
+static kl_status add_group(struct builder *b, uint32_t *first, struct kl_err *err)
+{
+    kl_status st = kl_grow_array(&b->out->nodes, &b->node_capacity, b->node_count + 8,
+                                 sizeof *b->out->nodes, err);
+    if (st != KL_OK) return st;
+    if (b->node_count + 8 > KL_NODE_INDEX) {
+        return kl_fail(err, KL_ERR_NO_MEMORY, "index of %u records: too many nodes", b->count);
+    }
+    *first = (uint32_t)b->node_count;
+    memset(b->out->nodes + b->node_count, 0, 8 * sizeof *b->out->nodes);
+    b->node_count += 8;
+    return KL_OK;
+}
+
+enum division_kind { NOT_AT_ALL = 0, BY_OCTANTS = 1, BY_FACES = 2 };
+
+/* How a cell is divided, b->masks set accordingly. `allowed`: kinds, or-ed. */
+static uint32_t choose_division(struct builder *b, const struct cell *cell, const struct list *list,
+                                uint32_t allowed)
+{
+    struct division octants = {0};
+    struct division faces = {0};
+    if (list->count <= SHORT_ROW) return NOT_AT_ALL;
+    for (size_t i = list->first; i < list->first + list->count; ++i) {
+        const struct disc *d = &b->discs[b->items[i]];
+        if (allowed & BY_OCTANTS) {
+            b->masks[i] = (uint8_t)octants_of(b->root, cell, d);
+            count_mask(&octants, b->masks[i]);
+        }
+        count_mask(&faces, d->faces);
+    }
+    const float by_octants = allowed & BY_OCTANTS ? gain_of(&octants, list->count) : 0.0f;
+    const float by_faces = allowed & BY_FACES ? gain_of(&faces, list->count) : 0.0f;
+    const bool is_long = list->count > KL_ROW_MAX;
+    const size_t most = (size_t)(is_long ? ITEMS_FORCED : ITEMS_EACH) * b->count + ITEMS_FREE;
+    const float least = is_long ? least_forced_gain : least_gain;
+    if (fmaxf(by_octants, by_faces) < (b->row_count < most ? least : free_gain)) {
+        return NOT_AT_ALL;
+    }
+    if (by_octants >= by_faces) return BY_OCTANTS;
+    for (size_t i = list->first; i < list->first + list->count; ++i) {
+        b->masks[i] = (uint8_t)b->discs[b->items[i]].faces;
+    }
+    return BY_FACES;
+}
+
+static struct cell child_of(const struct cell *cell, uint32_t octant)
+{
+    return (struct cell){cell->level + 1,
+                         {2 * cell->at[0] + (octant & 1u), 2 * cell->at[1] + (octant >> 1 & 1u),
+                          2 * cell->at[2] + (octant >> 2)}};
+}
+
+/* The entry of a cell, divided in no other than the allowed ways. */
+static kl_status build_cell(struct builder *b, const struct cell *cell, const struct list *list,
+                            uint32_t allowed, uint32_t *entry, struct kl_err *err)
+{
+    if (cell->level == KL_OCTREE_MAX_LEVEL) allowed &= BY_FACES;
+    const uint32_t how = choose_division(b, cell, list, allowed);
+    uint32_t first = 0;
+    if (how == NOT_AT_ALL) return make_leaf(b, list, entry, err);
+    if (how == BY_FACES) allowed &= BY_OCTANTS;
+    kl_status st = add_group(b, &first, err);
+    for (uint32_t k = 0; st == KL_OK && k < 8; ++k) {
+        const struct cell child = how == BY_FACES ? *cell : child_of(cell, k);
+        struct list below;
+        uint32_t made = 0;
+        st = push_list(b, list, k, &below, err);
+        if (st == KL_OK) st = build_cell(b, &child, &below, allowed, &made, err);
+        if (st == KL_OK) b->out->nodes[first + k] = made;
+    }
+    *entry = how == BY_FACES ? KL_NODE_FACES | first : first;
+    return st;
+}
+
+/* All cells of the top grid in a cell above it. */
+static void fill_top(struct builder *b, const struct cell *cell, uint32_t entry)
+{
+    const uint32_t bits = b->out->head.top_bits;
+    const uint32_t up = bits - cell->level;
+    for (uint32_t i = 0; i < 1u << 3 * up; ++i) {
+        const uint32_t low = (1u << up) - 1;
+        const uint32_t x = (cell->at[0] << up) + (i & low);
+        const uint32_t y = (cell->at[1] << up) + (i >> up & low);
+        const uint32_t z = (cell->at[2] << up) + (i >> 2 * up);
+        b->out->nodes[(z << bits | y) << bits | x] = entry;
+    }
+}
+
+/* A cell of the top grid or above. Queries come from the grid, so above it a cell that is not
+ * divided by octants never is. */
+static kl_status build_top(struct builder *b, const struct cell *cell, const struct list *list,
+                           struct kl_err *err)
+{
+    uint32_t entry = 0;
+    kl_status st = KL_OK;
+    const bool in_grid = cell->level == b->out->head.top_bits;
+    if (in_grid || choose_division(b, cell, list, BY_OCTANTS) == NOT_AT_ALL) {
+        st = build_cell(b, cell, list, in_grid ? BY_FACES | BY_OCTANTS : BY_FACES, &entry, err);
+        if (st == KL_OK) fill_top(b, cell, entry);
+        return st;
+    }
+    for (uint32_t k = 0; st == KL_OK && k < 8; ++k) {
+        const struct cell child = child_of(cell, k);
+        struct list below;
+        st = push_list(b, list, k, &below, err);
+        if (st == KL_OK) st = build_top(b, &child, &below, err);
+    }
+    return st;
+}
+
+/* The largest grid of no more cells than records. */
+static uint32_t top_bits_for(uint32_t count)
+{
+    uint32_t bits = 0;
+    while (bits < KL_TOP_BITS_MAX && 8u << 3 * bits <= count) {
+        ++bits;
+    }
+    return bits;
+}
+
+static kl_status build(struct builder *b, const kl_record_hot *hot,
+                       const struct kl_octree_limits *limits, struct kl_err *err)
+{
+    const struct cell root = {0, {0, 0, 0}};
+    const struct list all = {0, b->count};
+    kl_status st = kl_alloc_array(&b->discs, b->count, sizeof *b->discs, err);
+    b->node_count = (size_t)1 << 3 * b->out->head.top_bits;
+    if (st == KL_OK) {
+        st = kl_grow_array(&b->out->nodes, &b->node_capacity, b->node_count, sizeof *b->out->nodes,
+                           err);
+    }
+    if (st == KL_OK) {
+        st = kl_grow_array(&b->items, &b->item_capacity, b->count, sizeof *b->items, err);
+    }
+    if (st == KL_OK) st = kl_grow_array(&b->masks, &b->mask_capacity, b->count, 1, err);
+    if (st != KL_OK) return st;
+    memset(b->out->nodes, 0, b->node_count * sizeof *b->out->nodes);
+#pragma omp parallel for schedule(static, 1024)
+    for (uint32_t i = 0; i < b->count; ++i) {
+        b->discs[i] = disc_of(b->root, &hot[i], limits);
+        b->items[i] = i;
+    }
+    return build_top(b, &root, &all, err);
 }
 
 kl_status kl_octree_build(const struct kl_octree_root *root, const kl_record_hot *hot,
                           uint32_t count, const struct kl_octree_limits *limits,
                           struct kl_octree *out, struct kl_err *err)
 {
-    struct pairs pairs = {0};
     struct kl_octree o = {.head = {.side = root->side,
+                                   .top_bits = top_bits_for(count),
                                    .record_count = count,
                                    .reach = limits->reach,
                                    .cos_max = limits->cos_max}};
-    size_t cells = 0;
-    kl_status st = KL_OK;
-
+    struct builder b = {.root = root, .count = count, .out = &o};
     memcpy(o.head.root_min, root->min, sizeof o.head.root_min);
-    for (uint32_t i = 0; st == KL_OK && i < count; ++i) {
-        st = add_record(root, &hot[i], i, limits, &pairs, err);
-        o.head.level_mask |= 1u << level_of(root->side, limits->reach * hot[i].radius2);
+    kl_status st = build(&b, hot, limits, err);
+    o.head.node_count = (kl_u32)b.node_count;
+    o.head.row_size = (kl_u32)b.row_count;
+    free(b.discs);
+    free(b.items);
+    free(b.masks);
+    if (st == KL_OK) {
+        *out = o;
+        return KL_OK;
     }
-    if (st == KL_OK) st = sort_pairs(&pairs, err);
-    if (st != KL_OK) goto cleanup;
-    for (size_t i = 0; i < pairs.count; ++i) {
-        cells += i == 0 || pairs.items[i].key != pairs.items[i - 1].key;
-    }
-    if (pairs.count + 2 * cells >= UINT32_MAX - KL_DIRECTORY_SIZE || cells >= UINT32_MAX / 4) {
-        st = kl_fail(err, KL_ERR_NO_MEMORY, "index of %u records: more than 2^32 entries", count);
-        goto cleanup;
-    }
-    o.head.row_size = (uint32_t)(KL_DIRECTORY_SIZE + pairs.count + 2 * cells);
-    o.head.slot_count = 16;
-    while (o.head.slot_count < 2 * cells) {
-        o.head.slot_count *= 2;
-    }
-    st = kl_alloc_array(&o.slots, o.head.slot_count, sizeof *o.slots, err);
-    if (st == KL_OK) st = kl_alloc_array(&o.rows, o.head.row_size, sizeof *o.rows, err);
-    if (st != KL_OK) goto cleanup;
-    while (!fill_tables(&o, &pairs)) {
-        ++o.head.salt;
-    }
-    *out = o;
-    o = (struct kl_octree){0};
-
-cleanup:
     kl_octree_fini(&o);
-    free(pairs.items);
     return st;
 }
 
 void kl_octree_fini(struct kl_octree *octree)
 {
-    free(octree->slots);
+    free(octree->nodes);
     free(octree->rows);
     *octree = (struct kl_octree){0};
 }

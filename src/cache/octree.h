@@ -8,7 +8,7 @@
 
 struct kl_octree {
     kl_octree_header head;
-    kl_octree_slot *slots;
+    kl_u32 *nodes;
     kl_u32 *rows;
 };
 

@@ -149,11 +149,16 @@ float kl_record_slope(const struct kl_radius_settings *settings)
     return settings->rule == KL_RADIUS_HESSIAN ? 2.0f : settings->accuracy;
 }
 
+static float spacing_of(const kl_record_cold *cold)
+{
+    return kl_half_to_float(cold->error_spacing >> 16) * cold->raw_radius;
+}
+
 void kl_record_set_radii(kl_record_hot *hot, const kl_record_cold *cold, float clamped_wish,
                          const struct kl_radius_settings *settings)
 {
     const float most = max_radius * settings->scene_radius;
-    const float spacing = kl_half_to_float(cold->error_spacing >> 16) * cold->raw_radius;
+    const float spacing = spacing_of(cold);
     const float angle = kl_record_axis_angle(hot->form) + 0.5f * KL_PI;
     const float minor =
         fmaxf(fminf(fmaxf(clamped_wish, spacing), most), min_raw * settings->scene_radius);
@@ -161,4 +166,11 @@ void kl_record_set_radii(kl_record_hot *hot, const kl_record_cold *cold, float c
                                         relative_gradient(cold, angle));
     hot->radius = minor;
     hot->radius2 = fmaxf(minor, fminf(major, most));
+}
+
+void kl_record_limit_radii(kl_record_hot *hot, const kl_record_cold *cold, float limit)
+{
+    const float most = fmaxf(limit, spacing_of(cold));
+    hot->radius = fminf(hot->radius, most);
+    hot->radius2 = fminf(hot->radius2, most);
 }

@@ -40,4 +40,7 @@ float kl_record_slope(const struct kl_radius_settings *settings);
 void kl_record_set_radii(kl_record_hot *hot, const kl_record_cold *cold, float clamped_wish,
                          const struct kl_radius_settings *settings);
 
+/* Make both radii no larger than `limit` [m], but no smaller than the least radius. */
+void kl_record_limit_radii(kl_record_hot *hot, const kl_record_cold *cold, float limit);
+
 #endif

@@ -152,7 +152,7 @@ kl_status kl_device_level_create(struct kl_device *device, const kl_level_view *
     } list[LEVEL_ARRAYS] = {
         {view->hot, records * sizeof *view->hot, "hot records"},
         {view->cold, records * sizeof *view->cold, "cold records"},
-        {view->slots, records > 0 ? view->head.slot_count * sizeof *view->slots : 0, "slots"},
+        {view->nodes, records > 0 ? view->head.node_count * sizeof *view->nodes : 0, "nodes"},
         {view->rows, records > 0 ? view->head.row_size * sizeof *view->rows : 0, "rows"},
     };
     for (size_t i = 0; st == KL_OK && i < LEVEL_ARRAYS; ++i) {

@@ -1,6 +1,9 @@
 /* What a look-up costs: queries among records on the surfaces of a scene against incoherent rays in
  * the same scene, both in processor time of one core, median of 5. Prints JSON.
- * usage: bench_lookup SCENE.glb [records, 300000] [reach, 1.4] [records within reach, 8] */
+ * usage: bench_lookup SCENE.glb [records, 300000] [reach, 1.4] [records within reach, 8]
+ *        bench_lookup SCENE.glb CACHE.klc [cache level, 0]
+ * The second form looks up what a bake left, at points that it serves. */
+#include "cache_io/store.h"
 #include "kernels/surface.h"
 #include "src/base/memory.h"
 #include "src/cache/cache.h"
@@ -23,7 +26,11 @@ struct bench {
     struct kl_tracer *tracer;
     struct kl_cache *cache;
     uint32_t records;
-    float reach, overlap;      /* overlap: records within reach of a point, on average */
+    float reach, overlap;   /* overlap: records within reach of a point, on average */
+    const char *store_path; /* NULL: made here */
+    uint32_t level;
+    struct kl_store *store;
+    kl_level_view view;
     kl_vec3 *points, *normals; /* QUERIES of them */
     kl_ray *rays;
 };
@@ -131,6 +138,61 @@ cleanup:
     return st;
 }
 
+/* Serve a level of a store as it lies on disk. */
+static kl_status open_store(struct bench *b, struct kl_err *err)
+{
+    struct kl_level_arrays levels[KL_CACHE_LEVELS];
+    kl_status st = kl_store_open(b->store_path, KL_STORE_READ, NULL, &b->store, err);
+    if (st != KL_OK) return st;
+    kl_store_segment_get(b->store, 0, NULL, levels);
+    const struct kl_level_arrays *l = &levels[b->level];
+    if (l->octree.record_count == 0) return kl_fail(err, KL_ERR_INPUT, "level is not indexed");
+    b->view = (kl_level_view){l->octree, l->hot, l->cold, l->nodes, l->rows, NULL};
+    b->records = l->record_count;
+    b->reach = l->octree.reach;
+    return KL_OK;
+}
+
+static kl_status make_cache(struct bench *b, struct kl_err *err)
+{
+    struct kl_cache_settings settings = {.scene_radius = b->flat->radius,
+                                         .accuracy = {1.0f, 1.0f},
+                                         .reach = {b->reach, 1.0f},
+                                         .cos_max = cos_max};
+    memcpy(settings.center, b->flat->center, sizeof settings.center);
+    kl_status st = kl_cache_create(&settings, &b->cache, err);
+    if (st == KL_OK) st = fill_cache(b, err);
+    if (st == KL_OK) b->view = kl_cache_view(b->cache, 0);
+    return st;
+}
+
+/* Query points: those that are served, where the records cover only part of the scene. */
+static kl_status make_queries(struct bench *b, struct kl_err *err)
+{
+    const kl_query q = {1.0f, cos_max, KL_INF};
+    kl_status st = kl_alloc_array(&b->points, QUERIES, sizeof *b->points, err);
+    if (st == KL_OK) st = kl_alloc_array(&b->normals, QUERIES, sizeof *b->normals, err);
+    if (st == KL_OK) st = kl_alloc_array(&b->rays, QUERIES, sizeof *b->rays, err);
+    if (st != KL_OK) return st;
+    make_points(b, QUERIES, 2, b->points, b->normals, b->rays);
+    if (b->store == NULL) return KL_OK;
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < QUERIES; ++i) {
+        if (!(kl_cache_query(&b->view, &q, b->points[i], b->normals[i], b->normals[i]).weight >
+              0.0f)) {
+            continue;
+        }
+        b->points[kept] = b->points[i];
+        b->normals[kept++] = b->normals[i];
+    }
+    if (kept == 0) return kl_fail(err, KL_ERR_INPUT, "the cache serves nothing here");
+    for (uint32_t i = kept; i < QUERIES; ++i) {
+        b->points[i] = b->points[i % kept];
+        b->normals[i] = b->normals[i % kept];
+    }
+    return KL_OK;
+}
+
 static kl_status prepare(struct bench *b, const char *path, struct kl_err *err)
 {
     struct kl_pose *pose = NULL;
@@ -142,17 +204,8 @@ static kl_status prepare(struct bench *b, const char *path, struct kl_err *err)
     kl_pose_destroy(pose);
     if (st == KL_OK) st = kl_tracer_create(b->flat, &b->tracer, err);
     if (st != KL_OK) return st;
-    struct kl_cache_settings settings = {.scene_radius = b->flat->radius,
-                                         .accuracy = {1.0f, 1.0f},
-                                         .reach = {b->reach, 1.0f},
-                                         .cos_max = cos_max};
-    memcpy(settings.center, b->flat->center, sizeof settings.center);
-    st = kl_cache_create(&settings, &b->cache, err);
-    if (st == KL_OK) st = fill_cache(b, err);
-    if (st == KL_OK) st = kl_alloc_array(&b->points, QUERIES, sizeof *b->points, err);
-    if (st == KL_OK) st = kl_alloc_array(&b->normals, QUERIES, sizeof *b->normals, err);
-    if (st == KL_OK) st = kl_alloc_array(&b->rays, QUERIES, sizeof *b->rays, err);
-    if (st == KL_OK) make_points(b, QUERIES, 2, b->points, b->normals, b->rays);
+    st = b->store_path != NULL ? open_store(b, err) : make_cache(b, err);
+    if (st == KL_OK) st = make_queries(b, err);
     return st;
 }
 
@@ -202,7 +255,7 @@ static kl_status sort_queries(struct bench *b, struct kl_err *err)
 
 static double time_lookups(const struct bench *b, double *served, double *weight)
 {
-    const kl_level_view view = kl_cache_view(b->cache, 0);
+    const kl_level_view view = b->view;
     const kl_query q = {b->reach, cos_max, KL_INF};
     const double start = now();
     uint32_t hits = 0;
@@ -231,6 +284,28 @@ static double time_rays(const struct bench *b, double *hit_share)
     return seconds;
 }
 
+/* Records that contribute to a query on average, and those that were looked at for it. */
+static double count_serving(const struct bench *b, double *candidates)
+{
+    const kl_query q = {b->reach, cos_max, KL_INF};
+    uint64_t serving = 0;
+    uint64_t tested = 0;
+    for (uint32_t i = 0; i < QUERIES / 16; ++i) {
+        const kl_vec3 p = b->points[i];
+        kl_u32 at = kl_octree_row(&b->view, p, kl_normal_face(b->normals[i]));
+        for (kl_u32 item = 0; at != KL_NONE && !(item & KL_ROW_LAST); ++at) {
+            kl_vec3 offset;
+            kl_frame f;
+            item = b->view.rows[at];
+            const kl_record_hot *hot = &b->view.hot[item & ~KL_ROW_LAST];
+            ++tested;
+            serving += kl_record_weight(hot, p, b->normals[i], &q, &offset, &f) > 0.0f;
+        }
+    }
+    *candidates = (double)tested / (QUERIES / 16);
+    return (double)serving / (QUERIES / 16);
+}
+
 static int compare_doubles(const void *a, const void *b)
 {
     const double *x = a;
@@ -255,22 +330,24 @@ static kl_status run(struct bench *b, struct kl_err *err)
     qsort(coherent, RUNS, sizeof *coherent, compare_doubles);
     qsort(lookups, RUNS, sizeof *lookups, compare_doubles);
     qsort(rays, RUNS, sizeof *rays, compare_doubles);
-    const struct kl_level_arrays part = kl_cache_get_arrays(b->cache, 0);
+    const kl_octree_header *head = &b->view.head;
+    double candidates;
+    const double serving = count_serving(b, &candidates);
     const double median_lookup = lookups[RUNS / 2];
     const double median_ray = rays[RUNS / 2];
-    (void)printf(
-        "{\"records\": %u, \"triangles\": %u, \"reach\": %g, \"overlap\": %g, \"served\": %.4f, "
-        "\"mean_weight\": %.3f,\n \"index_bytes\": %.0f, \"references_per_record\": %.2f,\n"
-        " \"lookups_per_s_per_core\": %.0f, \"lookups_spread\": %.3f,\n"
-        " \"coherent_lookups_per_s_per_core\": %.0f,\n"
-        " \"rays_per_s_per_core\": %.0f, \"rays_spread\": %.3f, \"ray_hits\": %.4f,\n"
-        " \"lookups_per_ray\": %.3f}\n",
-        part.record_count, b->flat->triangle_count, (double)b->reach, (double)b->overlap, served,
-        weight, 4.0 * part.octree.row_size + 8.0 * part.octree.slot_count,
-        (double)part.octree.row_size / part.record_count, QUERIES / median_lookup,
-        (lookups[RUNS - 1] - lookups[0]) / median_lookup, QUERIES / coherent[RUNS / 2],
-        QUERIES / median_ray, (rays[RUNS - 1] - rays[0]) / median_ray, hits,
-        median_ray / median_lookup);
+    (void)printf("{\"records\": %u, \"triangles\": %u, \"reach\": %g, \"served\": %.4f, "
+                 "\"mean_weight\": %.3f,\n \"serving\": %.2f, \"candidates\": %.1f, "
+                 "\"index_bytes_per_record\": %.1f, \"row_items_per_record\": %.2f,\n"
+                 " \"lookups_per_s_per_core\": %.0f, \"lookups_spread\": %.3f,\n"
+                 " \"coherent_lookups_per_s_per_core\": %.0f,\n"
+                 " \"rays_per_s_per_core\": %.0f, \"rays_spread\": %.3f, \"ray_hits\": %.4f,\n"
+                 " \"lookups_per_ray\": %.3f}\n",
+                 b->records, b->flat->triangle_count, (double)b->reach, served, weight, serving,
+                 candidates, 4.0 * ((double)head->row_size + head->node_count) / b->records,
+                 (double)head->row_size / b->records, QUERIES / median_lookup,
+                 (lookups[RUNS - 1] - lookups[0]) / median_lookup, QUERIES / coherent[RUNS / 2],
+                 QUERIES / median_ray, (rays[RUNS - 1] - rays[0]) / median_ray, hits,
+                 median_ray / median_lookup);
     return KL_OK;
 }
 
@@ -281,13 +358,19 @@ int main(int argc, char **argv)
                       .overlap = argc > 4 ? strtof(argv[4], NULL) : 8.0f};
     struct kl_err err = {0};
     if (argc < 2) {
-        (void)fprintf(stderr, "usage: bench_lookup SCENE.glb [records] [reach] [overlap]\n");
+        (void)fprintf(stderr, "usage: bench_lookup SCENE.glb [records] [reach] [overlap]\n"
+                              "       bench_lookup SCENE.glb CACHE.klc [cache level]\n");
         return 1;
+    }
+    if (argc > 2 && b.records == 0) {
+        b.store_path = argv[2];
+        b.level = argc > 3 ? (uint32_t)strtoul(argv[3], NULL, 10) % KL_CACHE_LEVELS : 0;
     }
     kl_status st = prepare(&b, argv[1], &err);
     if (st == KL_OK) st = run(&b, &err);
     if (st != KL_OK) (void)fprintf(stderr, "%s\n", err.msg);
     kl_cache_destroy(b.cache);
+    kl_store_close(b.store);
     kl_tracer_destroy(b.tracer);
     kl_flat_destroy(b.flat);
     kl_scene_destroy(b.scene);

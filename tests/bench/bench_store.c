@@ -56,7 +56,7 @@ static double time_open(const char *dir, double *bytes, float *answer, double *c
         if (kl_store_damaged(store, NULL) > 0) exit(1);
         kl_store_segment_get(store, 0, NULL, levels);
         const kl_level_view view = {levels[0].octree, levels[0].hot,  levels[0].cold,
-                                    levels[0].slots,  levels[0].rows, NULL};
+                                    levels[0].nodes,  levels[0].rows, NULL};
         *answer = kl_cache_query(&view, &query, kl_v3(5.0f, 0.5f, 0.0f), up, up).weight;
         seconds[i] = kl_seconds() - start;
         busy[i] = cpu_seconds() - start_cpu;

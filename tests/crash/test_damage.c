@@ -98,7 +98,7 @@ static void look_around(const struct kl_level_arrays *level)
 {
     const kl_query query = {1.0f, 0.9f, KL_INF};
     const kl_level_view view = {level->octree, level->hot,  level->cold,
-                                level->slots,  level->rows, NULL};
+                                level->nodes,  level->rows, NULL};
 
     for (int i = 0; i < 64; ++i) {
         const kl_vec3 p = kl_v3((float)(i % 8) * 2.5f, (float)(i / 8) * 0.002f, 0.0f);

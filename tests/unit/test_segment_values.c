@@ -12,7 +12,7 @@
 
 #include <cmocka.h>
 
-enum { RECORDS = 7, SLOTS = 8, ROW_ITEMS = 12, ROWS = KL_DIRECTORY_SIZE + ROW_ITEMS };
+enum { RECORDS = 7, NODES = 8 + 8 + 8, ROWS = 7 };
 
 static bool half_is_finite(kl_u16 half)
 {
@@ -90,30 +90,33 @@ static void records_are_judged_as_the_format_says(void **state) /* 7 */
 }
 
 struct octree {
-    kl_octree_slot slots[SLOTS];
+    kl_u32 nodes[NODES];
     kl_u32 rows[ROWS];
     struct kl_level_arrays level;
 };
 
+/* A grid of 2^3; one cell divides by octants, one of these by faces; three rows. */
 static struct octree *octree_create(void)
 {
     struct octree *o = calloc(1, sizeof *o);
-    /* Check word, count, record numbers. A check word may be anything. */
-    const kl_u32 rows[ROW_ITEMS] = {0xabcdu, 3, 0, 1, 6, 0xffffffffu, 2, 5, 6, 2, 1, 3};
+    const kl_u32 rows[ROWS] = {0, 1, 6 | KL_ROW_LAST, 5, 6 | KL_ROW_LAST, 1, 3 | KL_ROW_LAST};
 
     if (o == NULL) abort();
-    memcpy(o->rows + KL_DIRECTORY_SIZE, rows, sizeof rows);
-    o->slots[1] = (kl_octree_slot){.tag = 99, .row = KL_DIRECTORY_SIZE};
-    o->slots[2] = (kl_octree_slot){.tag = 77, .row = KL_DIRECTORY_SIZE + 9};
-    o->slots[7] = (kl_octree_slot){.tag = 1, .row = KL_DIRECTORY_SIZE + 5};
-    o->slots[3] = (kl_octree_slot){.tag = 0, .row = 4000000000u}; /* not in use */
+    memcpy(o->rows, rows, sizeof rows);
+    o->nodes[0] = KL_NODE_LEAF;
+    o->nodes[7] = 8;
+    o->nodes[8] = KL_NODE_FACES | 16;
+    o->nodes[15] = KL_NODE_LEAF | 3;
+    o->nodes[16] = KL_NODE_LEAF | 5;
+    o->nodes[23] = KL_NODE_LEAF | 3; /* two leaves may share a row */
     o->level.record_count = RECORDS;
     o->level.octree = (kl_octree_header){.side = 4.0f,
-                                         .slot_count = SLOTS,
+                                         .top_bits = 1,
+                                         .node_count = NODES,
                                          .row_size = ROWS,
                                          .record_count = RECORDS,
                                          .reach = 1.0f};
-    o->level.slots = o->slots;
+    o->level.nodes = o->nodes;
     o->level.rows = o->rows;
     return o;
 }
@@ -121,24 +124,21 @@ static struct octree *octree_create(void)
 /* Words that are set to another value, one at a time. */
 static const struct {
     const char *what;
-    bool is_slot; /* of the slots' words, else of the rows behind the directory */
+    bool is_node; /* else of the rows */
     size_t at;
     kl_u32 value;
 } changes[] = {
-    {"a number that is too large", false, 4, RECORDS},
-    {"the largest number", false, 11, 0xffffffffu},
-    {"a row without records", false, 10, 0},
-    {"a row that is too short", false, 6, 1},
-    {"a row that is too long", false, 1, 4},
-    {"a row beyond the end", false, 10, 2},
-    {"a row far beyond the end", false, 1, 0xffffffffu},
-    {"a slot in a row", true, 3, KL_DIRECTORY_SIZE + 1},
-    {"a slot in the directory", true, 3, 0},
-    {"a slot at the end", true, 3, ROWS},
-    {"a slot beyond the end", true, 3, 0xffffffffu},
-    {"two slots of one row", true, 3, KL_DIRECTORY_SIZE + 5},
-    {"a row without a slot", true, 4, 0},
-    {"a slot too many", true, 12, 5},
+    {"a number that is too large", false, 3, RECORDS},
+    {"a last number that is too large", false, 4, RECORDS | KL_ROW_LAST},
+    {"the largest number", false, 0, 0xffffffffu},
+    {"a last row without an end", false, ROWS - 1, 3},
+    {"a leaf at the end", true, 15, KL_NODE_LEAF | ROWS},
+    {"a leaf beyond the end", true, 15, 0xffffffffu},
+    {"a group in itself", true, 8, 8},
+    {"a way back", true, 16, 8},
+    {"a way back by faces", true, 16, KL_NODE_FACES | 8},
+    {"a group that ends beyond the end", true, 8, NODES - 7},
+    {"a group beyond the end", true, 0, KL_NODE_INDEX},
 };
 
 static void octrees_lead_nowhere_else(void **state) /* 7 */
@@ -149,63 +149,47 @@ static void octrees_lead_nowhere_else(void **state) /* 7 */
 
     assert_int_equal(octree_validate(&o->level, &err), KL_OK);
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; ++i) {
-        kl_u32 words[2 * SLOTS];
         struct octree *c = octree_create();
-        memcpy(words, c->slots, sizeof words);
-        if (changes[i].is_slot) words[changes[i].at] = changes[i].value;
-        memcpy(c->slots, words, sizeof words);
-        if (!changes[i].is_slot) c->rows[KL_DIRECTORY_SIZE + changes[i].at] = changes[i].value;
+        kl_u32 *words = changes[i].is_node ? c->nodes : c->rows;
+        words[changes[i].at] = changes[i].value;
         if (octree_validate(&c->level, &err) != KL_ERR_CORRUPT) fail_msg("%s", changes[i].what);
         free(c);
     }
-    o->level.octree.row_size = KL_DIRECTORY_SIZE - 1;
+    o->level.octree.row_size = ROWS - 1; /* in the middle of a row */
     assert_int_equal(octree_validate(&o->level, &err), KL_ERR_CORRUPT);
-    o->level.octree.row_size = ROWS - 1;
+    o->level.octree.row_size = ROWS;
+    o->level.octree.top_bits = 2; /* 64 cells */
+    assert_int_equal(octree_validate(&o->level, &err), KL_ERR_CORRUPT);
+    o->level.octree.top_bits = KL_TOP_BITS_MAX + 1;
     assert_int_equal(octree_validate(&o->level, &err), KL_ERR_CORRUPT);
     free(o);
 }
 
-/* Rows come in blocks: wherever the cuts lie, the answer is the same. */
-static void rows_are_walked_in_pieces(void **state)
+static bool in_pieces(enum section_type type, const kl_u32 *items, uint64_t count, uint64_t cut,
+                      const struct index_counts *counts)
 {
-    struct octree *o = octree_create();
-    const uint64_t key = place_key_make();
+    const size_t item = sizeof *items;
+    return index_block_is_sound(type, items, cut * item, 0, counts) &&
+           index_block_is_sound(type, items + cut, (count - cut) * item, cut * item, counts);
+}
+
+/* Nodes and rows come in blocks: wherever the cut lies, the answer is the same. */
+static void blocks_are_judged_alone(void **state)
+{
+    const struct index_counts counts = {NODES, ROWS, RECORDS};
     (void)state;
 
-    for (int with_error = 0; with_error < 2; ++with_error) {
-        o->rows[KL_DIRECTORY_SIZE + 11] = with_error ? RECORDS : 3;
-        for (kl_u32 cuts = 0; cuts < 1u << (ROW_ITEMS - 1); ++cuts) {
-            struct row_walk walk = {
-                .rows = o->rows, .size = ROWS, .record_count = RECORDS, ROW_WALK_START(key)};
-            for (kl_u32 i = 1; i < ROW_ITEMS; ++i) {
-                if ((cuts >> (i - 1) & 1u) != 0) row_walk_to(&walk, KL_DIRECTORY_SIZE + i);
-            }
-            row_walk_to(&walk, ROWS);
-            assert_int_equal(row_walk_is_done(&walk), !with_error);
-            assert_true(places_are_equal(walk.starts, slots_places(o->slots, SLOTS, key)));
+    for (size_t i = 0; i <= sizeof changes / sizeof changes[0]; ++i) {
+        const bool is_changed = i < sizeof changes / sizeof changes[0];
+        struct octree *o = octree_create();
+        kl_u32 *words = is_changed && changes[i].is_node ? o->nodes : o->rows;
+        if (is_changed) words[changes[i].at] = changes[i].value;
+        for (uint64_t cut = 0; cut < NODES; ++cut) {
+            const bool ok = in_pieces(SECTION_NODES, o->nodes, NODES, cut, &counts) &&
+                            in_pieces(SECTION_ROWS, o->rows, ROWS, cut % ROWS, &counts);
+            assert_int_equal(ok, !is_changed);
         }
-    }
-    free(o);
-}
-
-/* Many sets of places that differ in one: told apart; in another order: the same. */
-static void sets_of_places_are_told_apart(void **state)
-{
-    enum { PLACES = 1000 };
-    kl_octree_slot slots[PLACES];
-    (void)state;
-
-    for (uint32_t i = 0; i < PLACES; ++i)
-        slots[i] = (kl_octree_slot){.tag = i % 3, .row = kl_hash(i)};
-    for (uint32_t i = 0; i < PLACES; ++i) {
-        const uint64_t key = place_key_make();
-        const uint64_t all = slots_places(slots, PLACES, key);
-        const uint64_t parts =
-            places_join(slots_places(slots + i, PLACES - i, key), slots_places(slots, i, key));
-        assert_true(places_are_equal(all, parts));
-        slots[i].row ^= 1u << (i % 32);
-        assert_int_equal(places_are_equal(all, slots_places(slots, PLACES, key)),
-                         slots[i].tag == 0);
+        free(o);
     }
 }
 
@@ -214,8 +198,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(records_are_judged_as_the_format_says),
         cmocka_unit_test(octrees_lead_nowhere_else),
-        cmocka_unit_test(rows_are_walked_in_pieces),
-        cmocka_unit_test(sets_of_places_are_told_apart),
+        cmocka_unit_test(blocks_are_judged_alone),
     };
 
     return cmocka_run_group_tests_name("segment_values", tests, NULL, NULL);

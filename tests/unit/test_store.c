@@ -15,13 +15,13 @@
 
 #include <cmocka.h>
 
-enum { RECORDS = 7, SLOTS = 4, DIRECTORY = KL_DIRECTORY_SIZE, ROWS = DIRECTORY + 9 };
+enum { RECORDS = 7, NODES = 1 + 8 + 8, ROWS = 5 };
 
 /* Two levels of records; level 0 has an octree. */
 struct batch {
     kl_record_hot hot[KL_CACHE_LEVELS][RECORDS];
     kl_record_cold cold[KL_CACHE_LEVELS][RECORDS];
-    kl_octree_slot slots[SLOTS];
+    kl_u32 nodes[NODES];
     kl_u32 rows[ROWS];
     struct kl_level_arrays levels[KL_CACHE_LEVELS];
 };
@@ -52,17 +52,20 @@ static void make_batch(struct batch *b, float seed)
         b->levels[l].hot = b->hot[l];
         b->levels[l].cold = b->cold[l];
     }
-    /* After the directory: check word, count, record numbers. */
-    const kl_u32 rows[ROWS - DIRECTORY] = {0xabcdu, 3, 0, 1, 2, 0x1234u, 2, 5, 6};
-    memcpy(b->rows + DIRECTORY, rows, sizeof rows);
-    b->slots[1] = (kl_octree_slot){.tag = 99, .row = DIRECTORY};
-    b->slots[2] = (kl_octree_slot){.tag = 77, .row = DIRECTORY + 5};
+    /* Two rows: records 0, 1, 2 and 5, 6. The root divides by octants, one of these by faces. */
+    const kl_u32 rows[ROWS] = {0, 1, 2 | KL_ROW_LAST, 5, 6 | KL_ROW_LAST};
+    memcpy(b->rows, rows, sizeof rows);
+    memset(b->nodes, 0, sizeof b->nodes);
+    b->nodes[0] = 1;
+    b->nodes[1 + 2] = KL_NODE_LEAF;
+    b->nodes[1 + 7] = KL_NODE_FACES | 9;
+    b->nodes[9 + 5] = KL_NODE_LEAF | 3;
     b->levels[0].octree = (kl_octree_header){.side = 4.0f,
-                                             .slot_count = SLOTS,
+                                             .node_count = NODES,
                                              .row_size = ROWS,
                                              .record_count = RECORDS,
                                              .reach = 1.0f};
-    b->levels[0].slots = b->slots;
+    b->levels[0].nodes = b->nodes;
     b->levels[0].rows = b->rows;
 }
 
@@ -149,7 +152,7 @@ static void check_segment(const struct kl_store *store, size_t i, const struct b
     assert_int_equal(got[0].octree.record_count, with_octree ? RECORDS : 0);
     if (!with_octree) return;
     assert_memory_equal(&got[0].octree, &want->levels[0].octree, sizeof got[0].octree);
-    assert_memory_equal(got[0].slots, want->slots, sizeof want->slots);
+    assert_memory_equal(got[0].nodes, want->nodes, sizeof want->nodes);
     assert_memory_equal(got[0].rows, want->rows, sizeof want->rows);
 }
 
@@ -557,18 +560,24 @@ static void unsound_batches_are_not_written(void **state)
     b.cold[0][0].grad_t[5] = 0x7c00;
     assert_int_equal(kl_store_append(store, b.levels, &err), KL_ERR_USAGE);
     make_batch(&b, 0.0f);
-    b.rows[DIRECTORY + 2] = RECORDS;
+    b.rows[1] = RECORDS;
     assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
     make_batch(&b, 0.0f);
-    make_batch(&b, 0.0f);
-    b.slots[2].row = DIRECTORY + 1; /* no row starts there */
+    b.nodes[9 + 5] = KL_NODE_LEAF | ROWS; /* behind the rows */
     assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
     make_batch(&b, 0.0f);
-    b.slots[2].row = 5; /* nor in the directory */
+    b.nodes[9 + 5] = 9; /* back to where it came from: no end */
     assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
     make_batch(&b, 0.0f);
-    b.rows[DIRECTORY + 6] = 3; /* the last row goes on behind the end */
+    b.nodes[1 + 7] = KL_NODE_FACES | 10; /* a group that goes on behind the end */
     assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
+    make_batch(&b, 0.0f);
+    b.levels[0].octree.top_bits = 2; /* 64 nodes */
+    assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
+    make_batch(&b, 0.0f);
+    b.rows[ROWS - 1] = 6; /* the last row goes on behind the end */
+    assert_int_equal(kl_store_publish_base(store, b.levels, &err), KL_ERR_USAGE);
+    make_batch(&b, 0.0f);
     append(store, 0.0f); /* a refusal breaks nothing */
     kl_store_close(store);
     assert_int_equal(for_each_file(f->dir, false), 1);
@@ -634,6 +643,25 @@ static void truncated_files_are_detected(void **state) /* 1 */
     free(bytes);
 }
 
+/* From every node to every record that it leads to. */
+static void walk_octree(const struct kl_level_arrays *level)
+{
+    for (uint32_t i = 0; i < level->octree.node_count; ++i) {
+        const kl_u32 entry = level->nodes[i];
+        if (entry == KL_NODE_EMPTY) continue;
+        if (!(entry & KL_NODE_LEAF)) {
+            assert_true((entry & KL_NODE_INDEX) > i);
+            assert_true((entry & KL_NODE_INDEX) + 8 <= level->octree.node_count);
+            continue;
+        }
+        kl_u32 at = entry & ~KL_NODE_LEAF;
+        do {
+            assert_true(at < level->octree.row_size);
+            assert_true((level->rows[at] & ~KL_ROW_LAST) < level->record_count);
+        } while (!(level->rows[at++] & KL_ROW_LAST));
+    }
+}
+
 /* Every third bit near both ends, where headers and rows lie; a sample of the directory between. */
 static size_t step_at(size_t byte, size_t size)
 {
@@ -665,14 +693,7 @@ static void flipped_bits_are_detected_or_harmless(void **state) /* 4, 7 */
         }
         /* Without checksums the structure alone must keep queries inside the arrays. */
         if (segment_parse(copy, size, NULL, true, &segment, &err) != KL_OK) continue;
-        for (uint32_t s = 0; s < segment.levels[0].octree.slot_count; ++s) {
-            const kl_octree_slot *slot = &segment.levels[0].slots[s];
-            if (slot->tag == 0) continue;
-            const kl_u32 *row = &segment.levels[0].rows[slot->row + 1];
-            for (kl_u32 k = 0; k < row[0]; ++k) {
-                assert_true(row[1 + k] < segment.levels[0].record_count);
-            }
-        }
+        walk_octree(&segment.levels[0]);
         segment_fini(&segment);
     }
     assert_true(unseen < tried / 4); /* only padding between sections */
