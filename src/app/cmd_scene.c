@@ -3,15 +3,27 @@
 #include "src/app/scene_file.h"
 #include "src/scene/digest.h"
 #include "src/scene/flat.h"
+#include "src/scene/motion.h"
 
 #include <jansson.h>
+#include <math.h>
 #include <stdio.h>
+
+/* Shutters that are looked at, evenly over the animations; their length [s]: a frame's. */
+enum { SHUTTERS = 12 };
+static const double shutter = 1.0 / 24.0;
+
+/* The most that moves in one of them. */
+struct motion {
+    uint32_t rigid, deforming, steps, lights, materials;
+};
 
 /* A scene with what it needs at time 0. */
 struct survey {
     struct kl_scene *scene;
     uint32_t animation;
     bool moving;
+    struct motion motion;
     struct kl_pose *pose;
     struct kl_flat *flat;
     uint64_t triangles; /* after instancing */
@@ -19,6 +31,52 @@ struct survey {
     char digest[KL_HASH_HEX_SIZE];
     const char *needs[KL_NEED_NAMES];
 };
+
+static uint32_t larger(uint32_t a, uint32_t b)
+{
+    return a > b ? a : b;
+}
+
+/* What moves while a shutter is open about an instant. */
+static kl_status look_at_shutter(struct survey *s, const double origin[3], double time,
+                                 struct kl_err *err)
+{
+    const struct kl_motion_span span = {time - 0.5 * shutter, time + 0.5 * shutter};
+    struct kl_pose *pose = NULL;
+    struct kl_flat *flat = NULL;
+    struct kl_motion *m = NULL;
+    kl_status st = kl_pose_create(s->scene, s->animation, time, &pose, err);
+
+    if (st == KL_OK) st = kl_flat_create(s->scene, pose, origin, &flat, err);
+    if (st == KL_OK) st = kl_motion_create(s->scene, s->animation, pose, flat, &span, &m, err);
+    if (st == KL_OK && m != NULL) {
+        s->motion = (struct motion){.rigid = larger(s->motion.rigid, m->rigid_count),
+                                    .deforming = larger(s->motion.deforming, m->deforming_count),
+                                    .steps = larger(s->motion.steps, m->most_steps),
+                                    .lights = larger(s->motion.lights, m->moving_lights),
+                                    .materials = larger(s->motion.materials, m->moving_materials)};
+    }
+    kl_motion_destroy(m);
+    kl_flat_destroy(flat);
+    kl_pose_destroy(pose);
+    return st;
+}
+
+static kl_status look_at_motion(struct survey *s, const double origin[3], struct kl_err *err)
+{
+    double duration = 0.0;
+    kl_status st = KL_OK;
+
+    for (uint32_t i = 0; i < s->scene->animation_count; ++i) {
+        if (s->animation == KL_NONE || s->animation == i) {
+            duration = fmax(duration, s->scene->animations[i].duration);
+        }
+    }
+    for (int i = 0; st == KL_OK && s->moving && i < SHUTTERS; ++i) {
+        st = look_at_shutter(s, origin, duration * (i + 0.5) / SHUTTERS, err);
+    }
+    return st;
+}
 
 static kl_status look(struct survey *s, const struct kl_options *o, struct kl_err *err)
 {
@@ -31,6 +89,8 @@ static kl_status look(struct survey *s, const struct kl_options *o, struct kl_er
     if (st == KL_OK) st = kl_flat_create(s->scene, s->pose, origin, &s->flat, err);
     if (st != KL_OK) return st;
     s->moving = kl_scene_is_moving(s->scene, s->animation);
+    st = look_at_motion(s, origin, err);
+    if (st != KL_OK) return st;
     for (uint32_t i = 0; i < s->flat->instance_count; ++i) {
         s->triangles += s->flat->instances[i].triangle_count;
     }
@@ -59,6 +119,19 @@ static const char *light_type(uint32_t type)
 static const char *projection_name(enum kl_projection projection)
 {
     return projection == KL_PERSPECTIVE ? "perspective" : "orthographic";
+}
+
+static void print_motion(const struct survey *s)
+{
+    const struct motion *m = &s->motion;
+    if (!s->moving) {
+        (void)printf("moves       cameras at most\n");
+        return;
+    }
+    (void)printf(
+        "moves       %u rigid, %u deforming, %u lights, %u materials; %u steps in 1/24 s at "
+        "most\n",
+        m->rigid, m->deforming, m->lights, m->materials, m->steps);
 }
 
 static void print_text(const struct survey *s)
@@ -90,12 +163,19 @@ static void print_text(const struct survey *s)
         (void)printf("animation   '%s', %.4g s, %u channels\n", scene->animations[i].name,
                      scene->animations[i].duration, scene->animations[i].channel_count);
     }
-    (void)printf("moves       %s\n", s->moving ? "yes" : "cameras at most");
+    print_motion(s);
     (void)printf("needs       ");
     for (size_t i = 0; s->needs[i] != NULL; ++i) {
         (void)printf("%s%s", i > 0 ? ", " : "", s->needs[i]);
     }
     (void)printf("%s\n", s->needs[0] == NULL ? "nothing special" : "");
+}
+
+static json_t *describe_motion(const struct motion *m)
+{
+    return json_pack("{s:I,s:I,s:I,s:I,s:I}", "rigid", (json_int_t)m->rigid, "deforming",
+                     (json_int_t)m->deforming, "lights", (json_int_t)m->lights, "materials",
+                     (json_int_t)m->materials, "steps", (json_int_t)m->steps);
 }
 
 /* Appends to lists ignore failures: json_pack in describe then gets fewer entries only where memory
@@ -146,16 +226,16 @@ static json_t *describe(const struct survey *s)
         (void)json_array_append_new(needs, json_string(s->needs[i]));
     }
     return json_pack(
-        "{s:s,s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:{s:[fff],s:f},s:o,s:o,s:o,s:b,s:o,s:[ii]}", "path",
-        scene->path, "digest", s->digest, "triangles", (json_int_t)s->triangles,
+        "{s:s,s:s,s:I,s:I,s:I,s:I,s:I,s:I,s:I,s:{s:[fff],s:f},s:o,s:o,s:o,s:b,s:o,s:o,s:[ii]}",
+        "path", scene->path, "digest", s->digest, "triangles", (json_int_t)s->triangles,
         "dropped_triangles", (json_int_t)scene->dropped_triangles, "meshes",
         (json_int_t)scene->mesh_count, "instances", (json_int_t)scene->instance_count, "materials",
         (json_int_t)scene->material_count, "textures", (json_int_t)scene->texture_count, "lights",
         (json_int_t)s->flat->light_count, "bounds", "center", s->center[0], s->center[1],
         s->center[2], "radius", (double)s->flat->radius, "cameras", describe_cameras(s),
         "punctual_lights", describe_lights(s), "animations", describe_animations(s), "moving",
-        (int)s->moving, "needs", needs, "sky", (int)scene->environment.width,
-        (int)scene->environment.height);
+        (int)s->moving, "motion", describe_motion(&s->motion), "needs", needs, "sky",
+        (int)scene->environment.width, (int)scene->environment.height);
 }
 
 static kl_status write_json(const struct survey *s, const char *path, struct kl_err *err)
