@@ -226,11 +226,15 @@ static kl_status fill_points(const struct kl_fill_job *job, uint32_t level, stru
         struct kl_candidate *chosen = NULL;
         size_t kept = 0;
         const size_t limit = batch_limit(job, level);
+        const uint32_t before = kl_cache_count(job->cache, level);
         st = choose(job, level, left, n, limit, &chosen, &kept, err);
         if (st == KL_OK) st = gather_and_insert(job, level, chosen, kept, stats, err);
         free(chosen);
         if (st != KL_OK) break;
+        /* Points whose own records are there but are not found, as too many lie in one place. */
+        const bool in_vain = 8 * (size_t)(kl_cache_count(job->cache, level) - before) < kept;
         n = find_uncovered(job, level, left, n, left);
+        if (in_vain) break;
         if (n <= allowed) n = find_uncovered(job, level, all, count, left);
         reached = fmax(reached, 1.0 - (double)n / (double)first);
         if (job->progress != NULL && job->progress(job->progress_context, stage->number,
