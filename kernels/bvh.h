@@ -100,10 +100,11 @@ KL_FN kl_bvh_slabs kl_bvh_slabs_make(kl_vec3 origin, kl_vec3 dir, float tmin)
 /* Edge functions that differ from 0 by less than this part of their sum count as 0: 2^-23. */
 #define KL_BVH_EDGE 1.1920929e-7f
 
-/* How a ray meets a pack: lanes that are hit, their distance and edge functions. */
+/* How a ray meets a pack: lanes that are hit, and their distance. Where on the triangle is asked
+ * only of the nearest in the end: kl_hit_settle. */
 typedef struct kl_bvh_lanes {
     kl_u32 mask;
-    float t[KL_BVH_PACK], u[KL_BVH_PACK], v[KL_BVH_PACK];
+    float t[KL_BVH_PACK];
 } kl_bvh_lanes;
 
 #if KL_DEVICE
@@ -177,8 +178,6 @@ KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, 
     /* A NaN (0 / 0: the ray lies in the plane) fails both comparisons. */
     out->mask = kl_bvh_mask4(inside & (t > tmin) & (t < tmax));
     vstore4(t, 0, out->t);
-    vstore4(u / sum, 0, out->u);
-    vstore4(v / sum, 0, out->v);
 }
 #else
 KL_FN kl_u32 kl_bvh_boxes(const KL_GLOBAL kl_bvh_node *node, const kl_bvh_slabs *s, float tmax,
@@ -223,8 +222,6 @@ KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, 
         if (!(t > tmin && t < tmax)) continue;
         out->mask |= 1u << i;
         out->t[i] = t;
-        out->u[i] = u / sum;
-        out->v[i] = v / sum;
     }
 }
 #endif
@@ -272,8 +269,6 @@ KL_FN int kl_bvh_leaf_closest(const KL_GLOBAL kl_bvh_leaf *leaves, kl_u32 child,
             lanes.mask &= lanes.mask - 1u;
             if (!(lanes.t[k] < hit->t)) continue;
             hit->t = lanes.t[k];
-            hit->u = kl_clamp(lanes.u[k], 0.0f, 1.0f);
-            hit->v = kl_clamp(lanes.v[k], 0.0f, 1.0f);
             hit->triangle = leaves[i].triangle[k];
             found = 1;
         }

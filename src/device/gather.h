@@ -61,8 +61,13 @@ static inline kl_gather_settings kl_gather_step(const struct kl_gather_job *job,
 }
 
 /* Is a record that was gathered on `step` good enough? */
-bool kl_gather_is_done(const struct kl_gather_ladder *ladder, uint32_t step,
-                       const kl_gather_result *result);
+static inline bool kl_gather_is_done(const struct kl_gather_ladder *ladder, uint32_t step,
+                                     const kl_gather_result *result)
+{
+    if (step + 1 >= ladder->count) return true;
+    const float y = kl_luminance(kl_v3(result->irr[0], result->irr[1], result->irr[2]));
+    return result->error * y <= ladder->tolerance * kl_fmax(y, ladder->floor);
+}
 
 /* Run on the host with Embree, all OpenMP threads. Results do not depend on their number. */
 kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err) KL_MUST_CHECK;

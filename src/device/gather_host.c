@@ -5,14 +5,6 @@
 #include <omp.h>
 #include <stdlib.h>
 
-bool kl_gather_is_done(const struct kl_gather_ladder *ladder, uint32_t step,
-                       const kl_gather_result *result)
-{
-    if (step + 1 >= ladder->count) return true;
-    const float y = kl_luminance(kl_v3(result->irr[0], result->irr[1], result->irr[2]));
-    return result->error * y <= ladder->tolerance * kl_fmax(y, ladder->floor);
-}
-
 /* Cells of one thread: of this step, of the one before, and smoothed ones. */
 struct scratch {
     kl_gather_cell *now, *before, *smooth;

@@ -144,6 +144,16 @@ void batch_must(kl_status st, const struct kl_err *err)
     _exit(1);
 }
 
+struct kl_store *batch_open(const char *dir, enum kl_store_mode mode)
+{
+    const struct kl_store_key key = batch_key();
+    struct kl_store *store = NULL;
+    struct kl_err err;
+
+    batch_must(kl_store_open(dir, mode, &key, &store, &err), &err);
+    return store;
+}
+
 void batch_compact(struct kl_store *store)
 {
     struct kl_records *records = NULL;

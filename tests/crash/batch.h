@@ -29,8 +29,10 @@ struct kl_store_key batch_key(void);
  * cannot be opened. */
 kl_status batch_count(const char *dir, uint32_t *counts, uint32_t limit, struct kl_err *err);
 
-/* In processes of a test's own: end with exit code 1 and the message unless st is KL_OK. */
+/* End the process with exit code 1 and the message unless st is KL_OK. */
 void batch_must(kl_status st, const struct kl_err *err);
+/* Open a store of batches; it must. */
+struct kl_store *batch_open(const char *dir, enum kl_store_mode mode);
 /* Publish all records of the store as one base. */
 void batch_compact(struct kl_store *store);
 

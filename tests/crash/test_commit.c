@@ -42,16 +42,6 @@ static int teardown(void **state)
     return 0;
 }
 
-static struct kl_store *open_store(const char *dir, enum kl_store_mode mode)
-{
-    const struct kl_store_key key = batch_key();
-    struct kl_store *store = NULL;
-    struct kl_err err;
-
-    if (kl_store_open(dir, mode, &key, &store, &err) != KL_OK) fail_msg("%s", err.msg);
-    return store;
-}
-
 static kl_status append(struct kl_store *store, uint32_t first, struct kl_err *err)
 {
     struct batch *b = batch_create(first, SIZE);
@@ -66,7 +56,7 @@ static void make_old(const struct fixture *f)
     struct kl_err err;
 
     folder_destroy(f->dir);
-    struct kl_store *store = open_store(f->dir, KL_STORE_EXTEND);
+    struct kl_store *store = batch_open(f->dir, KL_STORE_EXTEND);
     assert_int_equal(append(store, 0, &err), KL_OK);
     assert_int_equal(append(store, SIZE, &err), KL_OK);
     kl_store_close(store);
@@ -123,7 +113,7 @@ static kl_status try(const struct fixture *f, const struct deed *deed,
                      const struct fault_plan *plan, struct kl_err *err)
 {
     make_old(f);
-    struct kl_store *store = open_store(f->dir, KL_STORE_EXTEND);
+    struct kl_store *store = batch_open(f->dir, KL_STORE_EXTEND);
     faults_begin(f->dir, plan);
     const kl_status st = deed->run(store, err);
     const int calls = faults_call_count();
@@ -201,7 +191,7 @@ static void power_cut_after_each_call(void **state) /* 1, 5, 6 */
         for (;; ++plan.at) {
             struct kl_err err;
             make_old(f);
-            struct kl_store *store = open_store(f->dir, KL_STORE_EXTEND);
+            struct kl_store *store = batch_open(f->dir, KL_STORE_EXTEND);
             faults_begin(f->dir, &plan);
             const kl_status st = deeds[d].run(store, &err);
             faults_end();
@@ -209,7 +199,7 @@ static void power_cut_after_each_call(void **state) /* 1, 5, 6 */
             const bool cut = faults_hit()[0] != '\0';
             for (int i = 0;; ++i) {
                 folder_destroy(f->copy);
-                kl_store_close(open_store(f->copy, KL_STORE_EXTEND));
+                kl_store_close(batch_open(f->copy, KL_STORE_EXTEND));
                 if (!faults_outcome(i, f->copy)) break;
                 ++outcomes;
                 const enum state now = state_of(f->copy);

@@ -48,16 +48,6 @@ struct fixture {
     char root[64], dir[80], copy[80], source[2][80];
 };
 
-static struct kl_store *open_store(const char *dir, enum kl_store_mode mode)
-{
-    const struct kl_store_key key = batch_key();
-    struct kl_store *store = NULL;
-    struct kl_err err;
-
-    if (kl_store_open(dir, mode, &key, &store, &err) != KL_OK) fail_msg("%s", err.msg);
-    return store;
-}
-
 static void append(struct kl_store *store, uint32_t first, uint32_t end)
 {
     struct batch *b = batch_create(first, end - first);
@@ -78,6 +68,17 @@ static void path_of_only(const char *dir, char kind, char path[400])
     (void)closedir(d);
 }
 
+/* The only delta of a store, and its bytes. */
+static char *read_delta(const char *dir, char path[400], size_t *size)
+{
+    struct kl_err err;
+    char *bytes = NULL;
+
+    path_of_only(dir, 'd', path);
+    assert_int_equal(kl_file_read(path, 1 << 20, &bytes, size, &err), KL_OK);
+    return bytes;
+}
+
 static struct batch *indexed; /* group 0: indexing takes time */
 
 /* A base with a superseded delta that a crash has left behind, and a delta. */
@@ -89,10 +90,9 @@ static void make_store(const struct fixture *f)
     size_t size = 0;
 
     folder_destroy(f->dir);
-    struct kl_store *store = open_store(f->dir, KL_STORE_EXTEND);
+    struct kl_store *store = batch_open(f->dir, KL_STORE_EXTEND);
     append(store, groups[2].first, groups[2].end);
-    path_of_only(f->dir, 'd', path);
-    assert_int_equal(kl_file_read(path, 1 << 20, &bytes, &size, &err), KL_OK);
+    bytes = read_delta(f->dir, path, &size);
     assert_int_equal(kl_store_publish_base(store, indexed->levels, &err), KL_OK);
     append(store, groups[1].first, groups[1].end);
     kl_store_close(store);
@@ -121,11 +121,10 @@ static void make_damaged(const struct fixture *f)
     size_t size = 0;
 
     folder_destroy(f->copy);
-    struct kl_store *store = open_store(f->copy, KL_STORE_EXTEND);
+    struct kl_store *store = batch_open(f->copy, KL_STORE_EXTEND);
     append(store, groups[4].first, groups[5].end);
     kl_store_close(store);
-    path_of_only(f->copy, 'd', path);
-    assert_int_equal(kl_file_read(path, 1 << 20, &bytes, &size, &err), KL_OK);
+    bytes = read_delta(f->copy, path, &size);
     const size_t at = hot_offset((const unsigned char *)bytes) +
                       SEGMENT_BLOCK_RECORDS * sizeof(kl_record_hot) + 5;
     bytes[at] = (char)(bytes[at] ^ 0x10);
@@ -228,7 +227,7 @@ static bool is_allowed(const struct deed *deed, int state, kl_status st)
 
 static bool is_whole(const char *dir)
 {
-    struct kl_store *store = open_store(dir, KL_STORE_READ);
+    struct kl_store *store = batch_open(dir, KL_STORE_READ);
     const bool whole = kl_store_damaged(store, NULL) == 0;
 
     kl_store_close(store);
@@ -248,7 +247,7 @@ static int setup(void **state)
     (void)snprintf(f->copy, sizeof f->copy, "%s/b.klc", f->root);
     for (int i = 0; i < 2; ++i) {
         (void)snprintf(f->source[i], sizeof f->source[i], "%.60s/%s.klc", root, i == 0 ? "c" : "d");
-        struct kl_store *store = open_store(f->source[i], KL_STORE_EXTEND);
+        struct kl_store *store = batch_open(f->source[i], KL_STORE_EXTEND);
         append(store, groups[i].first, groups[i].end);
         kl_store_close(store);
     }
@@ -355,7 +354,7 @@ static kl_status tell(const char *dir, int share, struct kl_err *err)
 /* Shares that are known in full: bits; -1: not all that were told before. */
 static bool knows(const char *dir, int shares)
 {
-    struct kl_store *store = open_store(dir, KL_STORE_READ);
+    struct kl_store *store = batch_open(dir, KL_STORE_READ);
     struct kl_use *use = NULL;
     struct kl_err err;
     bool all = true;
