@@ -53,11 +53,9 @@ static kl_status plan_existing(struct run *run, size_t i, struct kl_err *err)
     struct kl_renderer_info info;
     uint8_t settings[KL_DIGEST_SIZE];
     struct kl_plan plan = {0};
-    kl_status st = kl_renderer_set_instants(job->renderer, &job->frames[i].instants, err);
+    const bool frozen = job->options->cache_mode == KL_CACHE_MODE_FREEZE; /* generation counts */
+    kl_status st = frozen ? kl_job_enter(job, i, err) : kl_job_visit(job, i, err);
 
-    if (st == KL_OK && job->options->cache_mode == KL_CACHE_MODE_FREEZE) {
-        st = kl_job_enter(job, i, err); /* the cache's generation counts */
-    }
     if (st != KL_OK) return st;
     kl_renderer_get_info(job->renderer, &info);
     kl_job_settings_digest(job, i, settings);
@@ -116,6 +114,7 @@ static kl_status render_frame(struct run *run, size_t i, struct kl_report_frame 
                               struct kl_err *err)
 {
     struct kl_job *job = &run->job;
+    struct kl_renderer_blend blend[2 * KL_CACHE_BLEND_MOST];
     const struct kl_renderer_frame frame = {
         .camera = job->frames[i].camera,
         .before = job->frames[i].before,
@@ -123,6 +122,8 @@ static kl_status render_frame(struct run *run, size_t i, struct kl_report_frame 
         .camera_count = job->frames[i].camera_count,
         .times = job->shutter_times,
         .time_count = job->shutter_times != NULL ? KL_SHUTTER_TIMES : 0,
+        .blend = blend,
+        .blend_count = kl_job_blend(job, i, blend),
         .frame = kl_rig_sample_number(job->rig, job->frames[i].frame),
         .spp = job->options->spp,
         .note_use = true,
@@ -187,7 +188,7 @@ static kl_status do_frame(struct run *run, size_t i, struct kl_fill_stats *fill,
     } else if (st == KL_OK) {
         st = fill_frames(run, i, 1, &entry.fill, err);
     }
-    entry.loaded = job->loaded;
+    entry.loaded = kl_job_loaded(job, i);
     entry.uncovered = run->uncovered;
     if (st == KL_OK) st = verify_frame(run, i, &entry, err);
     if (st == KL_OK && renders) {

@@ -8,6 +8,7 @@
 #include "src/base/hash.h"
 #include "src/base/memory.h"
 
+#include <math.h>
 #include <omp.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -51,7 +52,8 @@ static void choose_mode(struct kl_job *job)
     job->keeps = mode == KL_CACHE_MODE_EXTEND || mode == KL_CACHE_MODE_REBUILD;
 }
 
-static kl_status create_renderer(struct kl_job *job, struct kl_err *err)
+static kl_status create_renderer(const struct kl_job *job, struct kl_renderer **out,
+                                 struct kl_err *err)
 {
     static const enum kl_indirect indirects[] = {
         [KL_INDIRECT_OPTION_CACHE] = KL_INDIRECT_CACHE,
@@ -67,13 +69,38 @@ static kl_status create_renderer(struct kl_job *job, struct kl_err *err)
                                                   .rays = o->rays,
                                                   .seed = o->seed,
                                                   .animation = job->animation};
-    return kl_renderer_create(job->scene, &settings, &job->renderer, err);
+    return kl_renderer_create(job->scene, &settings, out, err);
+}
+
+/* One renderer; with caches to blend, one for each. */
+static kl_status create_renderers(struct kl_job *job, struct kl_err *err)
+{
+    const int32_t asked = job->has_cache ? (int32_t)job->options->cache_blend : 0;
+    struct kl_renderer *first = NULL;
+    kl_status st = create_renderer(job, &first, err);
+
+    if (st != KL_OK) return st;
+    if (kl_renderer_is_moving(first)) job->blend = asked;
+    if (job->blend < asked) {
+        kl_say_warning(NULL, "--cache-blend: nothing but the camera moves, so one cache serves all "
+                             "frames and there is nothing to blend");
+    }
+    st = kl_alloc_array(&job->instants, 2 * (size_t)job->blend + 1, sizeof *job->instants, err);
+    if (st != KL_OK) {
+        kl_renderer_destroy(first);
+        return st;
+    }
+    job->renderer = job->instants[0].renderer = first;
+    for (int32_t k = 1; st == KL_OK && k <= 2 * job->blend; ++k) {
+        st = create_renderer(job, &job->instants[k].renderer, err);
+    }
+    return st;
 }
 
 enum { SHUTTER_CAMERAS = 33 }; /* a camera turns little between two of them */
 
 /* The camera while the shutter is open. */
-static kl_status place_shutter_cameras(struct kl_job *job, struct kl_job_frame *f,
+static kl_status place_shutter_cameras(const struct kl_job *job, struct kl_job_frame *f,
                                        struct kl_err *err)
 {
     const struct kl_shutter *shutter = &job->options->shutter;
@@ -88,28 +115,38 @@ static kl_status place_shutter_cameras(struct kl_job *job, struct kl_job_frame *
     return st;
 }
 
-static kl_status place_cameras(struct kl_job *job, struct kl_err *err)
+static struct kl_renderer_instants find_instants(const struct kl_job *job, int32_t frame)
+{
+    const struct kl_interval interval = kl_rig_interval(job->rig, frame);
+    return (struct kl_renderer_instants){.reference = interval.reference,
+                                         .open = interval.open,
+                                         .close = interval.close,
+                                         .before = kl_rig_interval(job->rig, frame - 1).reference};
+}
+
+static kl_status place_frame(const struct kl_job *job, int32_t frame, struct kl_job_frame *f,
+                             struct kl_err *err)
+{
+    const double offset = job->options->shutter.offset;
+    f->frame = frame;
+    f->instants = find_instants(job, frame);
+    kl_status st = kl_rig_camera(job->rig, frame, offset, &f->camera, err);
+    if (st == KL_OK) st = kl_rig_camera(job->rig, frame - 1, offset, &f->before, err);
+    if (st == KL_OK && job->options->shutter.length > 0.0 &&
+        kl_rig_moves(job->rig, job->animation)) {
+        st = place_shutter_cameras(job, f, err);
+    }
+    return st;
+}
+
+static kl_status place_frames(struct kl_job *job, struct kl_err *err)
 {
     struct kl_frames list = {0};
     kl_status st = kl_rig_frames(job->rig, job->animation, &list, err);
 
     if (st == KL_OK) st = kl_alloc_array(&job->frames, list.count, sizeof *job->frames, err);
     for (size_t i = 0; st == KL_OK && i < list.count; ++i) {
-        struct kl_job_frame *f = &job->frames[i];
-        f->frame = list.frames[i];
-        const double offset = job->options->shutter.offset;
-        const struct kl_interval interval = kl_rig_interval(job->rig, f->frame);
-        f->instants = (struct kl_renderer_instants){
-            .reference = interval.reference,
-            .open = interval.open,
-            .close = interval.close,
-            .before = kl_rig_interval(job->rig, f->frame - 1).reference};
-        st = kl_rig_camera(job->rig, f->frame, offset, &f->camera, err);
-        if (st == KL_OK) st = kl_rig_camera(job->rig, f->frame - 1, offset, &f->before, err);
-        if (st == KL_OK && job->options->shutter.length > 0.0 &&
-            kl_rig_moves(job->rig, job->animation)) {
-            st = place_shutter_cameras(job, f, err);
-        }
+        st = place_frame(job, list.frames[i], &job->frames[i], err);
     }
     job->frame_count = list.count;
     kl_frames_fini(&list);
@@ -142,17 +179,19 @@ kl_status kl_job_init(struct kl_job *job, const struct kl_options *options, stru
     if (st == KL_OK && options->object_turns) {
         st = kl_scene_set_plate(job->scene, kl_fps_get(options->fps), options->turntable, err);
     }
-    if (st == KL_OK) st = create_renderer(job, err);
+    if (st == KL_OK) st = create_renderers(job, err);
     if (st == KL_OK) st = kl_rig_create(job->scene, job->renderer, options, &job->rig, err);
-    if (st == KL_OK) st = place_cameras(job, err);
-    if (st == KL_OK) st = kl_renderer_set_instants(job->renderer, &job->frames[0].instants, err);
-    return st;
+    if (st == KL_OK) st = place_frames(job, err);
+    return st == KL_OK ? kl_job_visit(job, 0, err) : st;
 }
 
 void kl_job_fini(struct kl_job *job)
 {
     kl_rig_destroy(job->rig);
-    kl_renderer_destroy(job->renderer);
+    for (int32_t k = 0; job->instants != NULL && k <= 2 * job->blend; ++k) {
+        kl_renderer_destroy(job->instants[k].renderer);
+    }
+    free(job->instants);
     kl_scene_destroy(job->scene);
     for (size_t i = 0; job->frames != NULL && i < job->frame_count; ++i) {
         free(job->frames[i].cameras);
@@ -178,7 +217,8 @@ static void say_revision(struct kl_job *job)
     job->said_revision = true;
 }
 
-static kl_status open_cache(struct kl_job *job, struct kl_err *err)
+/* Open the cache of an instant, whose renderer is the job's for now. */
+static kl_status open_cache(struct kl_job *job, struct kl_job_instant *at, struct kl_err *err)
 {
     static const enum kl_store_mode modes[] = {
         [KL_CACHE_MODE_EXTEND] = KL_STORE_EXTEND,    [KL_CACHE_MODE_FREEZE] = KL_STORE_READ,
@@ -210,19 +250,74 @@ static kl_status open_cache(struct kl_job *job, struct kl_err *err)
         kl_say_warning(NULL, line);
     }
     if (!job->fills) say_revision(job);
-    job->loaded = kl_job_records(job);
-    job->is_open = true;
+    at->loaded = kl_job_records(job);
+    at->is_open = true;
     ++job->open_count;
     return KL_OK;
 }
 
+/* Where a frame's instant has its place. */
+static struct kl_job_instant *find_instant(const struct kl_job *job, int32_t frame)
+{
+    const int32_t count = 2 * job->blend + 1;
+    return &job->instants[(frame % count + count) % count];
+}
+
+/* Take the renderer of a frame's place there, unless it stands there already. */
+static kl_status go_to(const struct kl_job *job, int32_t frame, struct kl_err *err)
+{
+    struct kl_job_instant *at = find_instant(job, frame);
+    const struct kl_renderer_instants instants = find_instants(job, frame);
+
+    if (at->is_placed && (at->frame == frame || !kl_renderer_is_moving(at->renderer))) {
+        return KL_OK;
+    }
+    *at = (struct kl_job_instant){.renderer = at->renderer, .frame = frame};
+    kl_status st = kl_renderer_set_instants(at->renderer, &instants, err);
+    at->is_placed = st == KL_OK;
+    return st;
+}
+
+static kl_status go_around(struct kl_job *job, int32_t frame, bool opens, struct kl_err *err)
+{
+    kl_status st = KL_OK;
+
+    for (int32_t f = frame - job->blend; st == KL_OK && f <= frame + job->blend; ++f) {
+        struct kl_job_instant *at = find_instant(job, f);
+        st = go_to(job, f, err);
+        job->renderer = at->renderer;
+        if (st == KL_OK && opens && !at->is_open) st = open_cache(job, at, err);
+    }
+    job->renderer = find_instant(job, frame)->renderer;
+    return st;
+}
+
+kl_status kl_job_visit(struct kl_job *job, size_t i, struct kl_err *err)
+{
+    return go_around(job, job->frames[i].frame, false, err);
+}
+
 kl_status kl_job_enter(struct kl_job *job, size_t i, struct kl_err *err)
 {
-    kl_status st = kl_renderer_set_instants(job->renderer, &job->frames[i].instants, err);
+    return go_around(job, job->frames[i].frame, job->has_cache, err);
+}
 
-    if (kl_renderer_is_moving(job->renderer)) job->is_open = false;
-    if (st == KL_OK && job->has_cache && !job->is_open) st = open_cache(job, err);
-    return st;
+uint32_t kl_job_loaded(const struct kl_job *job, size_t i)
+{
+    return find_instant(job, job->frames[i].frame)->loaded;
+}
+
+uint32_t kl_job_blend(const struct kl_job *job, size_t i,
+                      struct kl_renderer_blend out[2 * KL_CACHE_BLEND_MOST])
+{
+    uint32_t count = 0;
+    for (int32_t k = -job->blend; k <= job->blend; ++k) {
+        if (k == 0) continue;
+        out[count++] = (struct kl_renderer_blend){
+            .renderer = find_instant(job, job->frames[i].frame + k)->renderer,
+            .weight = 1.0f - (float)abs(k) / (float)(job->blend + 1)};
+    }
+    return count;
 }
 
 uint32_t kl_job_records(const struct kl_job *job)
@@ -277,18 +372,16 @@ static uint32_t add_cameras(const struct kl_job *job, const struct kl_job_frame 
     return used;
 }
 
-kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill_stats *stats,
-                      struct kl_err *err)
+/* Fill the cache of the job's present renderer for frames. */
+static kl_status fill_frames(struct kl_job *job, const struct kl_job_frame *frames, size_t count,
+                             struct kl_fill_stats *stats, struct kl_err *err)
 {
     struct kl_camera *cameras = NULL;
     uint32_t used = 0;
-
-    *stats = (struct kl_fill_stats){0};
-    if (!job->fills) return KL_OK;
     kl_status st = kl_alloc_array(&cameras, count, 3 * sizeof *cameras, err);
     if (st != KL_OK) return st;
     for (size_t k = 0; k < count; ++k) {
-        used += add_cameras(job, &job->frames[i + k], cameras + used);
+        used += add_cameras(job, &frames[k], cameras + used);
     }
     const struct kl_renderer_fill fill = {.cameras = cameras,
                                           .camera_count = used,
@@ -302,6 +395,57 @@ kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill
     job->progress.records = kl_job_records(job);
     if (st == KL_OK) say_revision(job);
     free(cameras);
+    return st;
+}
+
+static void add_stats(struct kl_fill_stats *sum, const struct kl_fill_stats *s)
+{
+    for (int l = 0; l < KL_CACHE_LEVELS; ++l) {
+        sum->added[l] += s->added[l];
+    }
+    sum->primary_rays += s->primary_rays;
+    sum->gather_rays += s->gather_rays;
+    sum->batches += s->batches;
+    sum->refreshed += s->refreshed;
+    sum->uncovered = fmax(sum->uncovered, s->uncovered);
+    sum->measured = fmax(sum->measured, s->measured);
+    sum->visibility_seconds += s->visibility_seconds;
+    sum->gather_seconds += s->gather_seconds;
+    sum->insert_seconds += s->insert_seconds;
+}
+
+/* Fill the cache of one instant for its frame, which need not be one to render. */
+static kl_status fill_instant(struct kl_job *job, struct kl_job_instant *at,
+                              struct kl_fill_stats *sum, struct kl_err *err)
+{
+    struct kl_job_frame frame = {0};
+    struct kl_fill_stats stats = {0};
+    kl_status st = place_frame(job, at->frame, &frame, err);
+
+    job->renderer = at->renderer;
+    if (st == KL_OK) st = fill_frames(job, &frame, 1, &stats, err);
+    at->is_filled = st == KL_OK;
+    add_stats(sum, &stats);
+    free(frame.cameras);
+    return st;
+}
+
+kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill_stats *stats,
+                      struct kl_err *err)
+{
+    const int32_t frame = job->frames[i].frame;
+    kl_status st = KL_OK;
+
+    *stats = (struct kl_fill_stats){0};
+    if (!job->fills) return KL_OK;
+    if (!kl_renderer_is_moving(job->renderer)) {
+        return fill_frames(job, &job->frames[i], count, stats, err);
+    }
+    for (int32_t f = frame - job->blend; st == KL_OK && f <= frame + job->blend; ++f) {
+        struct kl_job_instant *at = find_instant(job, f);
+        if (!at->is_filled) st = fill_instant(job, at, stats, err);
+    }
+    job->renderer = find_instant(job, frame)->renderer;
     return st;
 }
 
@@ -336,6 +480,23 @@ static void hash_text(struct kl_hash *hash, const char *text)
     kl_hash_update(hash, text, strlen(text) + 1);
 }
 
+/* The caches that are blended in: of which instants, and with frozen ones which state of them. */
+static void hash_blend(struct kl_hash *hash, const struct kl_job *job, size_t i)
+{
+    struct kl_renderer_blend blend[2 * KL_CACHE_BLEND_MOST];
+    const uint32_t count = kl_job_blend(job, i, blend);
+
+    for (uint32_t k = 0; k < count; ++k) {
+        struct kl_renderer_info info;
+        struct kl_cache_state state;
+        kl_renderer_get_info(blend[k].renderer, &info);
+        kl_renderer_get_cache(blend[k].renderer, &state);
+        kl_hash_update(hash, info.scene_digest, sizeof info.scene_digest);
+        if (job->options->cache_mode != KL_CACHE_MODE_FREEZE) continue;
+        kl_hash_update(hash, &state.generation, sizeof state.generation);
+    }
+}
+
 void kl_job_settings_digest(const struct kl_job *job, size_t i, uint8_t digest[KL_DIGEST_SIZE])
 {
     const struct kl_options *o = job->options;
@@ -367,5 +528,6 @@ void kl_job_settings_digest(const struct kl_job *job, size_t i, uint8_t digest[K
     if (job->has_cache && o->cache_mode == KL_CACHE_MODE_FREEZE) {
         kl_hash_update(&hash, &state.generation, sizeof state.generation);
     }
+    hash_blend(&hash, job, i);
     kl_hash_finish(&hash, digest);
 }

@@ -19,10 +19,22 @@ struct kl_job_frame {
     uint32_t camera_count;
 };
 
+/* A frame's instant, with a renderer of its own. */
+struct kl_job_instant {
+    struct kl_renderer *renderer;
+    int32_t frame;   /* that the renderer stands at, if is_placed */
+    bool is_placed;  /* it stands at `frame`, or nothing moves */
+    bool is_open;    /* so is its cache */
+    bool is_filled;  /* and filled for the frame */
+    uint32_t loaded; /* records that the last opening found */
+};
+
 struct kl_job {
     const struct kl_options *options; /* borrowed */
     struct kl_scene *scene;
-    struct kl_renderer *renderer;
+    int32_t blend;                   /* frames each way whose caches are blended */
+    struct kl_job_instant *instants; /* 2 * blend + 1, by frame number modulo that */
+    struct kl_renderer *renderer;    /* of the frame entered; one of theirs */
     struct kl_rig *rig;
     uint32_t animation; /* KL_NONE: all */
     size_t frame_count;
@@ -32,27 +44,36 @@ struct kl_job {
     bool has_cache, has_store, fills, keeps; /* indirect light from a cache; which is on disk; is
                                                 filled; and written */
     bool said_revision;
-    bool is_open; /* the cache of the present instant */
     uint64_t open_count;
     bool must_keep;       /* what is not kept on disk is worth nothing: bake */
     bool told_lost;       /* that the disk takes no more */
-    uint32_t loaded;      /* records that the last opening found */
     float *shutter_times; /* KL_SHUTTER_TIMES of the curve, NULL: open all the time */
     struct kl_progress progress;
 };
 
-/* Import, choose, open; the renderer stands at the first frame's instant. *job is set up also after
- * a failure: kl_job_fini. Options must outlive the job. */
+/* Import, choose, open; the renderer stands at the first frame's instant. --cache-blend counts only
+ * where things move; else a line says that it does nothing. *job is set up also after a failure:
+ * kl_job_fini. Options must outlive the job. */
 kl_status kl_job_init(struct kl_job *job, const struct kl_options *options,
                       struct kl_err *err) KL_MUST_CHECK;
 void kl_job_fini(struct kl_job *job);
 
-/* Go to the instant of frame i and open the cache for it, unless it is open already. */
+/* Go to the instant of frame i, and with other renderers to those whose caches are blended into
+ * its own; what stands there already stays. */
+kl_status kl_job_visit(struct kl_job *job, size_t i, struct kl_err *err) KL_MUST_CHECK;
+/* The same, and open the caches that are not open already. */
 kl_status kl_job_enter(struct kl_job *job, size_t i, struct kl_err *err) KL_MUST_CHECK;
-/* Fill for frames i to i + count - 1 (entered), if the cache mode fills at all. */
+/* Records that were there when the cache of frame i (entered) was opened. */
+uint32_t kl_job_loaded(const struct kl_job *job, size_t i);
+/* Fill for frames i to i + count - 1 (entered), if the cache mode fills at all. In a moving scene
+ * count is 1, and the caches that are blended are filled for their own frames. */
 kl_status kl_job_fill(struct kl_job *job, size_t i, size_t count, struct kl_fill_stats *stats,
                       struct kl_err *err) KL_MUST_CHECK;
 uint32_t kl_job_records(const struct kl_job *job); /* in the open cache */
+
+/* What to blend into frame i (entered); their number. */
+uint32_t kl_job_blend(const struct kl_job *job, size_t i,
+                      struct kl_renderer_blend out[2 * KL_CACHE_BLEND_MOST]);
 
 /* Where the image of frame i goes. */
 kl_status kl_job_image_path(const struct kl_job *job, size_t i, char out[KL_JOB_PATH_SIZE],

@@ -27,6 +27,7 @@ enum option_id {
     OPT_INDIRECT,
     OPT_CACHE,
     OPT_CACHE_MODE,
+    OPT_CACHE_BLEND,
     OPT_ERROR,
     OPT_VERIFY,
     OPT_RADIUS,
@@ -121,6 +122,9 @@ static const struct poptOption render_options[] = {
          "extend, freeze, freeze-fill, rebuild or off; append, load and prepass are other words "
          "for extend, freeze and rebuild (default: extend)",
          "MODE"),
+    TEXT("cache-blend", OPT_CACHE_BLEND,
+         "For comparison: where things move, blend the caches of N frames each way (default: 0)",
+         "N"),
     TEXT("error", OPT_ERROR, "Relative error of indirect irradiance to aim at (default: 0.02)",
          "E"),
     TEXT("verify", OPT_VERIFY,
@@ -366,6 +370,9 @@ static kl_status set_number(struct kl_options *o, int id, const char *text, stru
         return kl_option_read_size("size", text, &o->width, &o->height, err);
     case OPT_SPP:
         return kl_option_read_u32("spp", text, 1, 65536, &o->spp, err);
+    case OPT_CACHE_BLEND:
+        return kl_option_read_u32("cache-blend", text, 0, KL_CACHE_BLEND_MOST, &o->cache_blend,
+                                  err);
     case OPT_ERROR:
         return kl_option_read_number("error", text, 0.001, 1.0, &o->error, err);
     case OPT_VERIFY:

@@ -38,6 +38,8 @@ enum kl_view_by {
     KL_VIEW_BY_USE,
 };
 
+enum { KL_CACHE_BLEND_MOST = 8 }; /* frames each way: 17 scenes with their caches in memory */
+
 /* Defaults are filled in. Strings are owned; NULL: not given. */
 struct kl_options {
     double start; /* kl_seconds() when the program began */
@@ -59,6 +61,7 @@ struct kl_options {
 
     enum kl_indirect_option indirect;
     enum kl_cache_mode cache_mode;
+    uint32_t cache_blend; /* frames each way whose caches are blended, 0: none */
     char *cache, *device, *preset;
     double error;
     bool split_sphere;            /* rule of the radii, for comparison */

@@ -727,6 +727,38 @@ kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camer
     return kl_verify(&job, all, stats, err);
 }
 
+/* The frozen cache as frames ask it; `tells`: which records serve is noted for the store. */
+static void serve_frame(struct kl_renderer *r, bool tells, kl_level_view levels[KL_CACHE_LEVELS])
+{
+    for (uint32_t l = 0; r->cache != NULL && l < KL_CACHE_LEVELS; ++l) {
+        levels[l] = kl_cache_view(r->cache, l);
+    }
+    /* The cache of another edition of the scene is not ours to judge. */
+    tells = tells && r->store != NULL && r->revision == NULL;
+    if (tells && r->used == NULL && r->cache != NULL) {
+        struct kl_err ignored; /* without memory nothing is told */
+        (void)!kl_alloc_array(&r->used, kl_cache_count(r->cache, 0), 1, &ignored);
+    }
+    levels[0].used = r->used;
+}
+
+/* The caches to blend into those of `r`; their number. */
+static uint32_t make_moments(const struct kl_renderer *r, const struct kl_renderer_frame *frame,
+                             struct kl_shade_moment *moments)
+{
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < frame->blend_count; ++i) {
+        struct kl_renderer *other = frame->blend[i].renderer;
+        struct kl_shade_moment *m = &moments[count];
+        if (!kl_flat_is_alike(r->scene, r->flat, other->flat)) continue;
+        m->scene = &other->flat->view;
+        m->weight = frame->blend[i].weight;
+        serve_frame(other, frame->note_use, m->levels);
+        ++count;
+    }
+    return count;
+}
+
 kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_renderer_frame *frame,
                             struct kl_image *image, struct kl_counts *counts, uint64_t *bad_samples,
                             struct kl_err *err)
@@ -751,16 +783,14 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
         .progress = frame->progress,
         .progress_context = frame->progress_context,
     };
+    struct kl_shade_moment *moments = NULL;
+    kl_status st = kl_alloc_array(&moments, frame->blend_count, sizeof *moments, err);
+    if (st != KL_OK) return st;
     memcpy(job.origin, r->origin, sizeof job.origin);
-    for (uint32_t l = 0; r->cache != NULL && l < KL_CACHE_LEVELS; ++l) {
-        job.shade.levels[l] = kl_cache_view(r->cache, l);
-    }
-    /* The cache of another edition of the scene is not ours to judge. */
-    const bool tells = frame->note_use && r->store != NULL && r->revision == NULL;
-    if (tells && r->used == NULL && r->cache != NULL) {
-        struct kl_err ignored; /* without memory nothing is told */
-        (void)!kl_alloc_array(&r->used, kl_cache_count(r->cache, 0), 1, &ignored);
-    }
-    job.shade.levels[0].used = r->used;
-    return kl_frame_render(&job, image, counts, bad_samples, err);
+    serve_frame(r, frame->note_use, job.shade.levels);
+    job.shade.moments = moments;
+    job.shade.moment_count = make_moments(r, frame, moments);
+    st = kl_frame_render(&job, image, counts, bad_samples, err);
+    free(moments);
+    return st;
 }

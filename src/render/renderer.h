@@ -111,12 +111,21 @@ kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camer
                              double share, struct kl_verify_errors *all,
                              struct kl_verify_stats *stats, struct kl_err *err) KL_MUST_CHECK;
 
+/* A cache whose look-ups are blended into those of the frame's own, which weighs 1. */
+struct kl_renderer_blend {
+    struct kl_renderer *renderer; /* of the same scene, at another instant, its cache open */
+    float weight;
+};
+
 struct kl_renderer_frame {
     struct kl_camera camera, before; /* before: one frame earlier, for motion vectors */
     const struct kl_camera *cameras; /* while the shutter is open, evenly spaced; NULL: still */
     uint32_t camera_count;
     const float *times; /* kl_frame_job; NULL: open all the time */
     uint32_t time_count;
+    const struct kl_renderer_blend
+        *blend; /* each asked where the surface point is at its instant */
+    uint32_t blend_count;
     int64_t frame; /* number: decides the image samples */
     uint32_t spp;
     bool note_use; /* tell the store which records served, when the cache is closed */

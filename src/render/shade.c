@@ -82,18 +82,36 @@ static kl_vec3 direct_by_base(const struct kl_shade_context *context, const kl_s
     return kl_v3_mul(albedo, kl_shade_emission(context, &ray, found ? &hit : NULL, &other, &from));
 }
 
-/* The surface point of a hit at the reference instant, seen from the side that was hit: `now` where
- * it does not move, else *moved. */
+/* A hit: the surface point as the ray met it, and where records serve it. */
+struct spot {
+    const kl_ray *ray;
+    const kl_hit *hit;
+    const kl_surface *now, *at; /* at: at the reference instant */
+    bool first;                 /* straight from the camera */
+    float footprint;            /* [m] of a pixel on the surface */
+};
+
+/* The surface point of a hit where `scene` has it, seen from the side that was hit. */
+static void carry(const kl_scene_view *scene, const kl_ray *ray, kl_hit hit, const kl_surface *now,
+                  kl_surface *out)
+{
+    /* While the shutter is open merged things that move are instances of their own. */
+    if (hit.instance >= scene->instance_count) hit.instance = 0;
+    kl_surface_at(scene, ray, &hit, out);
+    if (out->front != now->front) {
+        out->geometric = kl_v3_scale(out->geometric, -1.0f);
+        out->smooth = kl_v3_scale(out->smooth, -1.0f);
+        out->shading = kl_v3_scale(out->shading, -1.0f);
+    }
+}
+
+/* The surface point of a hit at the reference instant: `now` where it does not move, else *moved.
+ */
 static const kl_surface *carry_back(const struct kl_shade_context *context, const kl_ray *ray,
                                     const kl_hit *hit, const kl_surface *now, kl_surface *moved)
 {
     if (!kl_instance_moves(context->scene, hit->instance)) return now;
-    kl_surface_at(context->reference, ray, hit, moved);
-    if (moved->front != now->front) {
-        moved->geometric = kl_v3_scale(moved->geometric, -1.0f);
-        moved->smooth = kl_v3_scale(moved->smooth, -1.0f);
-        moved->shading = kl_v3_scale(moved->shading, -1.0f);
-    }
+    carry(context->reference, ray, *hit, now, moved);
     return moved;
 }
 
@@ -139,33 +157,63 @@ static void remember(struct kl_reuse *reuse, const kl_surface *s, const kl_answe
     reuse->next ^= 1u;
 }
 
-/* Indirect irradiance at a hit, at the reference instant: the records seen from the camera, then
- * those seen by gather rays (after a bounce), then a short path. */
-static kl_answer find_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
-                                 bool first, float footprint, struct kl_reuse *reuse,
-                                 kl_sampler *sampler, struct kl_counts *counts, float *late)
+/* What one cache knows of a surface point: the records seen from the camera, then (after a bounce)
+ * those seen by gather rays. */
+static kl_answer ask(const struct kl_shade_context *context, const kl_level_view *levels,
+                     const kl_surface *surface, bool first, struct kl_counts *counts)
+{
+    ++counts->lookups;
+    kl_answer a = kl_cache_query(&levels[0], &context->query, surface->pos, surface->smooth,
+                                 surface->shading);
+    if (!(a.weight > 0.0f) && !first) {
+        a = kl_cache_query(&levels[1], &context->gather.query, surface->pos, surface->smooth,
+                           surface->shading);
+    }
+    if (a.weight > 0.0f) ++counts->lookup_hits;
+    return a;
+}
+
+/* What the frame's cache knows, and the weighted mean with those of other instants that serve the
+ * same point of the surface, where it is then. */
+static kl_answer ask_all(const struct kl_shade_context *context, const struct spot *spot,
+                         struct kl_counts *counts)
+{
+    kl_answer mean = ask(context, context->levels, spot->at, spot->first, counts);
+    float weights = mean.weight > 0.0f ? 1.0f : 0.0f;
+    for (uint32_t i = 0; i < context->moment_count; ++i) {
+        const struct kl_shade_moment *m = &context->moments[i];
+        kl_surface then;
+        carry(m->scene, spot->ray, *spot->hit, spot->now, &then);
+        const kl_answer a = ask(context, m->levels, &then, spot->first, counts);
+        if (!(a.weight > 0.0f)) continue;
+        weights += m->weight;
+        const float share = m->weight / weights;
+        mean.irr = kl_mix3(mean.irr, a.irr, share);
+        mean.weight = kl_mix(mean.weight, a.weight, share);
+        mean.error = kl_mix(mean.error, a.error, share);
+    }
+    return mean;
+}
+
+/* Indirect irradiance at a hit, at the reference instant: the records, else a short path. */
+static kl_answer find_irradiance(const struct kl_shade_context *context, const struct spot *spot,
+                                 struct kl_reuse *reuse, kl_sampler *sampler,
+                                 struct kl_counts *counts, float *late)
 {
     *late = 0.0f;
-    const kl_answer *known = first ? find_reusable(reuse, surface, footprint) : NULL;
+    const kl_answer *known = spot->first ? find_reusable(reuse, spot->at, spot->footprint) : NULL;
     if (known != NULL) {
         ++counts->reused;
         return *known;
     }
-    ++counts->lookups;
-    kl_answer a = kl_cache_query(&context->levels[0], &context->query, surface->pos,
-                                 surface->smooth, surface->shading);
-    if (!(a.weight > 0.0f) && !first) {
-        a = kl_cache_query(&context->levels[1], &context->gather.query, surface->pos,
-                           surface->smooth, surface->shading);
-    }
+    kl_answer a = ask_all(context, spot, counts);
     if (a.weight > 0.0f) {
-        ++counts->lookup_hits;
-        if (first) remember(reuse, surface, &a);
+        if (spot->first) remember(reuse, spot->at, &a);
         return a;
     }
     *late = 1.0f;
     a.irr =
-        late_irradiance(context, context->reference, KL_TIME_REFERENCE, surface, sampler, counts);
+        late_irradiance(context, context->reference, KL_TIME_REFERENCE, spot->at, sampler, counts);
     return a;
 }
 
@@ -257,12 +305,12 @@ void kl_shade_cached(const struct kl_shade_context *context, kl_ray ray, kl_samp
             kl_surface moved;
             const kl_surface *at = carry_back(context, &ray, &hit, &surface, &moved);
             const float slope = kl_fmax(kl_dot(wo, surface.geometric), 0.1f);
+            const struct spot spot = {&ray, &hit, &surface, at, first, pixel_size * length / slope};
             const bool still = at == &surface;
             const kl_answer a =
                 still && kl_swept_covers(context->swept, context->reference, at)
                     ? uncovered_irradiance(context, at, sampler, counts, &late)
-                    : find_irradiance(context, at, first, pixel_size * length / slope, reuse,
-                                      sampler, counts, &late);
+                    : find_irradiance(context, &spot, reuse, sampler, counts, &late);
             indirect = kl_v3_scale(kl_v3_mul(albedo, a.irr), KL_INV_PI);
             if (first) {
                 parts->irradiance = a.irr;

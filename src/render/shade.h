@@ -16,6 +16,13 @@ struct kl_counts { /* of rays and look-ups, for the report */
     uint64_t lookups, lookup_hits, reused;
 };
 
+/* The cache of another instant, whose word counts beside that of the frame's own. */
+struct kl_shade_moment {
+    const kl_scene_view *scene; /* the frame's triangles where they are then; not traced */
+    kl_level_view levels[KL_CACHE_LEVELS]; /* frozen */
+    float weight;                          /* the frame's own has 1 */
+};
+
 /* What shading needs to know; constant while a frame renders, shared by all threads. */
 struct kl_shade_context {
     const kl_scene_view *scene; /* in motion, where anything moves */
@@ -23,6 +30,8 @@ struct kl_shade_context {
         *reference;               /* the same hits where the records are: at the shutter's centre */
     const struct kl_swept *swept; /* NULL: nothing moves */
     kl_level_view levels[KL_CACHE_LEVELS]; /* frozen */
+    const struct kl_shade_moment *moments; /* blended into what `levels` say */
+    uint32_t moment_count;
     enum kl_indirect indirect;
     kl_query query;            /* of level 0 */
     kl_gather_settings gather; /* for samples that no record serves */

@@ -451,6 +451,12 @@ cleanup:
     return st;
 }
 
+bool kl_flat_is_alike(const struct kl_scene *scene, const struct kl_flat *a,
+                      const struct kl_flat *b)
+{
+    return memcmp(a->places, b->places, scene->instance_count * sizeof *a->places) == 0;
+}
+
 void kl_flat_destroy(struct kl_flat *flat)
 {
     if (flat == NULL) return;

@@ -45,6 +45,11 @@ kl_status kl_flat_create(const struct kl_scene *scene, const struct kl_pose *pos
                          struct kl_err *err) KL_MUST_CHECK;
 void kl_flat_destroy(struct kl_flat *flat); /* accepts NULL */
 
+/* Do hits in one name the same surface points in the other? Both of `scene`, at any two poses: not
+ * so where a mesh is shared in one only, as it has shrunk to nothing in the other. */
+bool kl_flat_is_alike(const struct kl_scene *scene, const struct kl_flat *a,
+                      const struct kl_flat *b);
+
 /* Centre of the scene's bounding box at the pose: render space then has the best precision. */
 kl_status kl_flat_choose_origin(const struct kl_scene *scene, const struct kl_pose *pose,
                                 double origin[3], struct kl_err *err) KL_MUST_CHECK;
