@@ -149,9 +149,11 @@ double kl_shutter_curve_time(const struct kl_shutter_curve *curve, double u)
     }
     double left = fmin(fmax(u, 0.0), 1.0) * total;
     uint32_t i = 0;
-    while (i + 2 < curve->count && left > 0.5 * (w[i] + w[i + 1])) {
-        left -= 0.5 * (w[i] + w[i + 1]);
-        ++i;
+    /* While it is closed no light gets in: the first light comes behind that. */
+    for (; i + 2 < curve->count; ++i) {
+        const double area = 0.5 * (w[i] + w[i + 1]);
+        if (area > 0.0 && left <= area) break;
+        left -= area;
     }
     /* Within the span the area up to x is w0 x + (w1 - w0) x^2 / 2. */
     const double slope = w[i + 1] - w[i];

@@ -86,14 +86,24 @@ class Glb:
                                   "perspective": {"yfov": yfov, "aspectRatio": aspect, "znear": 0.01, "zfar": 1000.0}})
         return self.node(name, camera=len(self.j["cameras"]) - 1, **kw)
 
+    def point_light(self, name, intensity, **kw):
+        lights = self.j.setdefault("extensions", {}).setdefault("KHR_lights_punctual", {"lights": []})["lights"]
+        lights.append({"name": name, "type": "point", "intensity": intensity})
+        self._use("KHR_lights_punctual")
+        return self.node(name, extensions={"KHR_lights_punctual": {"light": len(lights) - 1}}, **kw)
+
     def animation(self, name, channels):
-        """channels: list of (node, path, times, values, interpolation)."""
+        """channels: list of (node, path, times, values, interpolation); node None: path is a pointer."""
         a = {"name": name, "samplers": [], "channels": []}
         for node, path, times, values, mode in channels:
-            kind = "VEC4" if path == "rotation" else "VEC3"
+            kind = "VEC%d" % len(values[0]) if isinstance(values[0], (list, tuple)) else "SCALAR"
+            target = {"node": node, "path": path}
+            if node is None:
+                target = {"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": path}}}
+                self._use("KHR_animation_pointer")
             a["samplers"].append({"input": self.accessor(5126, "SCALAR", times, None, True),
                                   "output": self.accessor(5126, kind, values), "interpolation": mode})
-            a["channels"].append({"sampler": len(a["samplers"]) - 1, "target": {"node": node, "path": path}})
+            a["channels"].append({"sampler": len(a["samplers"]) - 1, "target": target})
         self.j.setdefault("animations", []).append(a)
 
     def write(self, path):
@@ -236,6 +246,28 @@ def two_rooms(path, thickness=1e-3):
     g.node("lamp", mesh=g.mesh("lamp", lamp(g, l, [[(-1.8,2.48,-0.3),(-1.2,2.48,-0.3),(-1.2,2.48,0.3),(-1.8,2.48,0.3)]])))
     g.camera("bright camera", math.radians(75), 1.0, translation=[-2.8, 1.4, 1.3], rotation=look_at((-2.8,1.4,1.3), (-0.3,1.0,-0.8)))
     g.camera("dark camera", math.radians(75), 1.0, translation=[2.8, 1.4, 1.3], rotation=look_at((2.8,1.4,1.3), (0.3,1.0,-0.8)))
+    g.write(path)
+
+def changing_rooms(path):
+    """Two closed rooms side by side, the left lit by a point, the right by a panel. One thing changes in each animation, at
+    keys that 24 frames a second meet: the block in the right room goes along and back, the panel steps down, the point dims,
+    the block is painted. What happens on the right is not seen on the left."""
+    g = Glb()
+    w, clay = g.material("white", (0.7, 0.7, 0.7)), g.material("clay", (0.5, 0.5, 0.5))
+    glow = g.material("panel", (0, 0, 0), (16.0, 16.0, 16.0))
+    g.node("left", mesh=g.mesh("left", [(w, *quads(box((-3, 0, -1.5), (-0.05, 2.5, 1.5), True)))]))
+    g.node("right", mesh=g.mesh("right", [(w, *quads(box((0.05, 0, -1.5), (3, 2.5, 1.5), True)))]))
+    g.node("panel", mesh=g.mesh("panel", lamp(g, glow, [[(1.2,2.48,-0.3),(1.8,2.48,-0.3),(1.8,2.48,0.3),(1.2,2.48,0.3)]])))
+    g.point_light("point", 8.0, translation=[-1.5, 2.2, 0])
+    block = g.node("block", mesh=g.mesh("block", [(clay, *quads(box((-0.3, 0.01, -0.3), (0.3, 0.9, 0.3))))]), translation=[0.75, 0, -0.5])
+    g.camera("left camera", math.radians(75), 1.0, translation=[-2.8, 1.4, 1.3], rotation=look_at((-2.8,1.4,1.3), (-0.3,1.0,-0.8)))
+    g.camera("right camera", math.radians(75), 1.0, translation=[2.8, 1.4, 1.3], rotation=look_at((2.8,1.4,1.3), (0.3,1.0,-0.8)))
+    g.animation("slide", [(block, "translation", [0.5, 0.75, 1.0], [[0.75,0,-0.5],[1.5,0,0.25],[0.75,0,-0.5]], "LINEAR")])
+    g.animation("step", [(None, "/materials/%d/extensions/KHR_materials_emissive_strength/emissiveStrength" % glow,
+                          [0.0, 0.25], [16.0, 4.0], "STEP")])
+    g.animation("dim", [(None, "/extensions/KHR_lights_punctual/lights/0/intensity", [0.0, 0.25], [8.0, 2.0], "LINEAR")])
+    g.animation("paint", [(None, "/materials/%d/pbrMetallicRoughness/baseColorFactor" % clay,
+                           [0.0, 0.25], [[0.5, 0.5, 0.5, 1.0], [0.5, 0.25, 0.125, 1.0]], "LINEAR")])
     g.write(path)
 
 def gallery(path, columns=14, ring=20):
@@ -432,6 +464,7 @@ SCENES = {
     "integrating-sphere.glb": integrating_sphere,
     "two-rooms.glb": two_rooms,
     "two-rooms-thin.glb": lambda p: two_rooms(p, 1e-5),
+    "changing-rooms.glb": changing_rooms,
     "gallery.glb": gallery,
     "exhibition.glb": exhibition,
     "still-life.glb": still_life,

@@ -4,6 +4,7 @@
 #include "sequences/pattern.h"
 #include "sequences/shutter.h"
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -205,13 +206,46 @@ static void shutters(void **state)
     assert_true(t.reference == 2.0 && t.open == 1.9375 && t.close == 2.0625);
 }
 
+/* Against the inverse of the area under the curve, worked out by hand. */
+static void shutter_curves(void **state)
+{
+    static const struct {
+        const char *text;
+        double u, time;
+    } good[] = {
+        {"box", 0.3, 0.3},           {"1,1", 0.3, 0.3},     {"0,1", 0.25, 0.5},
+        {"1,0", 0.75, 0.5},          {"0,1,0", 0.0, 0.0},   {"triangle", 0.125, 0.25},
+        {"triangle", 0.5, 0.5},      {"cosine", 0.5, 0.5},  {"0,1,1,0", 0.25, 1.0 / 3.0},
+        {"0,0,0,1", 0.0, 2.0 / 3.0}, {"0,1,1,0", 1.0, 1.0},
+    };
+    static const char *const bad[] = {"", "wave", "1", "0,0", "1,-1", "1,", "1;2", "Box"};
+    char many[4 * KL_SHUTTER_WEIGHTS] = "1";
+    struct kl_shutter_curve curve;
+    struct kl_err err;
+
+    (void)state;
+    for (size_t i = 0; i < sizeof good / sizeof good[0]; ++i) {
+        assert_int_equal(kl_shutter_parse_curve(good[i].text, &curve, &err), KL_OK);
+        const double time = kl_shutter_curve_time(&curve, good[i].u);
+        if (fabs(time - good[i].time) > 1e-9) fail_msg("%s: %g", good[i].text, time);
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; ++i) {
+        if (kl_shutter_parse_curve(bad[i], &curve, &err) != KL_ERR_USAGE) fail_msg("%s", bad[i]);
+    }
+    for (int i = 1; i < KL_SHUTTER_WEIGHTS; ++i) {
+        strcat(many, ",1");
+    }
+    assert_int_equal(kl_shutter_parse_curve(many, &curve, &err), KL_OK);
+    assert_int_equal(kl_shutter_parse_curve(strcat(many, ",1"), &curve, &err), KL_ERR_USAGE);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(frame_lists), cmocka_unit_test(bad_frame_lists),
         cmocka_unit_test(patterns),    cmocka_unit_test(bad_patterns),
         cmocka_unit_test(durations),   cmocka_unit_test(frame_rates),
-        cmocka_unit_test(shutters),
+        cmocka_unit_test(shutters),    cmocka_unit_test(shutter_curves),
     };
 
     return cmocka_run_group_tests_name("sequence_text", tests, NULL, NULL);
