@@ -8,6 +8,7 @@ typedef struct kl_light_sample {
     kl_vec3 radiance; /* what arrives if nothing blocks, divided by nothing: [nit], or for points
                        * and directions the irradiance at normal incidence [lx] */
     kl_vec3 wi;       /* unit, towards the light */
+    kl_vec3 facing;   /* unit normal of the light where it was sampled, towards the point; or 0 */
     float distance;   /* [m], KL_INF: infinitely far */
     float pdf;        /* density over solid angle, choice of the light included; delta: of choice */
     int delta;        /* no other strategy can find it */
@@ -362,7 +363,9 @@ KL_FN int kl_light_sample_triangle(const kl_scene_view *s, kl_u32 light, kl_vec3
     if (!(d2 > 0.0f)) return 0;
     out->distance = kl_sqrt(d2);
     out->wi = kl_v3_scale(d, 1.0f / out->distance);
-    float cosine = -kl_dot(kl_normalize(kl_cross(e1, e2)), out->wi);
+    const kl_vec3 normal = kl_normalize(kl_cross(e1, e2));
+    float cosine = -kl_dot(normal, out->wi);
+    out->facing = kl_v3_scale(normal, cosine < 0.0f ? -1.0f : 1.0f);
     if (l->two_sided) cosine = kl_fabs(cosine);
     if (!(cosine > 1e-6f)) return 0;
     out->radiance = kl_triangle_emission(s, l, b.x, b.y, time);
@@ -410,6 +413,7 @@ KL_FN int kl_light_sample_one(const kl_scene_view *s, kl_vec3 p, kl_vec3 n, floa
     if (i == KL_NONE || !(prob > 0.0f)) return 0;
     const KL_GLOBAL kl_light *l = &s->lights[i];
     int ok = 0;
+    out->facing = kl_v3_splat(0.0f);
     if (l->type == KL_LIGHT_TRIANGLE) {
         ok = kl_light_sample_triangle(s, i, p, time, u, out);
     } else if (l->type == KL_LIGHT_ENVIRONMENT) {
@@ -451,7 +455,8 @@ KL_FN kl_ray kl_shadow_ray(const kl_scene_view *scene, const kl_surface *s,
     kl_ray ray = kl_ray_make(o, l->wi, KL_INF);
     ray.time = s->time;
     if (l->distance >= KL_INF) return ray;
-    const kl_vec3 target = kl_v3_mad(s->pos, l->distance * (1.0f - 1e-4f), l->wi);
+    const kl_vec3 short_of_it = kl_v3_mad(s->pos, l->distance * (1.0f - 1e-4f), l->wi);
+    const kl_vec3 target = kl_leave_surface(scene, short_of_it, l->facing);
     const kl_vec3 d = kl_v3_sub(target, o);
     const float t = kl_length(d);
     ray.dir = t > 0.0f ? kl_v3_scale(d, 1.0f / t) : l->wi;

@@ -223,22 +223,58 @@ static void sort_row(const struct disc *discs, uint32_t *row, size_t count)
     }
 }
 
-/* The KL_ROW_MAX that reach farthest, to the front. Time: linear for what is in one place. */
-static void choose_farthest(const struct disc *discs, uint32_t *items, size_t count)
+/* How far a record's middle lies from a box, over its reach: what weighs most in the box first. */
+static float remoteness(const struct disc *d, const float lo[3], const float hi[3])
 {
-    sort_row(discs, items, KL_ROW_MAX);
-    for (size_t i = KL_ROW_MAX; i < count; ++i) {
-        if (compare_discs(discs, items[i], items[0]) < 0) continue;
-        size_t k = 0;
-        for (; k + 1 < KL_ROW_MAX && compare_discs(discs, items[i], items[k + 1]) > 0; ++k) {
-            items[k] = items[k + 1];
+    const float pos[3] = {d->pos.x, d->pos.y, d->pos.z};
+    float distance2 = 0.0f;
+    for (int k = 0; k < 3; ++k) {
+        const float out = fmaxf(0.0f, fmaxf(lo[k] - pos[k], pos[k] - hi[k]));
+        distance2 += out * out;
+    }
+    return sqrtf(distance2) / d->reach;
+}
+
+struct choice {
+    float remoteness;
+    uint32_t item;
+};
+
+/* Of records that lie in the box, those that reach farthest come first. */
+static bool is_before(const struct disc *discs, const struct choice *a, const struct choice *b)
+{
+    if (a->remoteness != b->remoteness) return a->remoteness < b->remoteness;
+    return compare_discs(discs, a->item, b->item) > 0;
+}
+
+/* The KL_ROW_MAX that serve a cell best, to the front: every record in its own cell, unless more
+ * lie there. Time: linear for what is in one place. */
+static void choose_best(const struct builder *b, const struct cell *cell, uint32_t *items,
+                        size_t count)
+{
+    struct choice best[KL_ROW_MAX];
+    size_t n = 0;
+    float lo[3];
+    float hi[3];
+    for (int k = 0; k < 3; ++k) {
+        cell_interval(b->root, cell->level, cell->at[k], k, &lo[k], &hi[k]);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        const struct choice c = {remoteness(&b->discs[items[i]], lo, hi), items[i]};
+        if (n == KL_ROW_MAX && !is_before(b->discs, &c, &best[n - 1])) continue;
+        size_t k = n < KL_ROW_MAX ? n++ : n - 1;
+        for (; k > 0 && is_before(b->discs, &c, &best[k - 1]); --k) {
+            best[k] = best[k - 1];
         }
-        items[k] = items[i];
+        best[k] = c;
+    }
+    for (size_t i = 0; i < n; ++i) {
+        items[i] = best[i].item;
     }
 }
 
-static kl_status make_leaf(struct builder *b, const struct list *list, uint32_t *entry,
-                           struct kl_err *err)
+static kl_status make_leaf(struct builder *b, const struct cell *cell, const struct list *list,
+                           uint32_t *entry, struct kl_err *err)
 {
     uint32_t *items = b->items + list->first;
     const size_t count = list->count < KL_ROW_MAX ? list->count : KL_ROW_MAX;
@@ -246,7 +282,7 @@ static kl_status make_leaf(struct builder *b, const struct list *list, uint32_t 
         *entry = KL_NODE_EMPTY;
         return KL_OK;
     }
-    if (list->count > KL_ROW_MAX) choose_farthest(b->discs, items, list->count);
+    if (list->count > KL_ROW_MAX) choose_best(b, cell, items, list->count);
     sort_row(b->discs, items, count);
     kl_status st = kl_grow_array(&b->out->rows, &b->row_capacity, b->row_count + count,
                                  sizeof *b->out->rows, err);
@@ -321,7 +357,7 @@ static kl_status build_cell(struct builder *b, const struct cell *cell, const st
     if (cell->level == KL_OCTREE_MAX_LEVEL) allowed &= BY_FACES;
     const uint32_t how = choose_division(b, cell, list, allowed);
     uint32_t first = 0;
-    if (how == NOT_AT_ALL) return make_leaf(b, list, entry, err);
+    if (how == NOT_AT_ALL) return make_leaf(b, cell, list, entry, err);
     if (how == BY_FACES) allowed &= BY_OCTANTS;
     kl_status st = add_group(b, &first, err);
     for (uint32_t k = 0; st == KL_OK && k < 8; ++k) {

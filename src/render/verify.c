@@ -139,7 +139,7 @@ static kl_status gather(const struct kl_verify_job *job, struct points *points, 
     const struct kl_gather_job gather = {
         .scene = job->scene,
         .level1 = job->level1 != NULL ? job->level1 : &nothing,
-        .ladder = {.steps = {job->tables}, .count = 1},
+        .ladder = job->ladder,
         .settings = job->gather,
         .points = points->gather,
         .count = points->count,

@@ -11,10 +11,10 @@ struct kl_verify_job {
     const kl_level_view *level1;     /* what gather rays may end in, NULL: they go on as paths */
     const struct kl_camera *cameras; /* one per frame */
     uint32_t camera_count;
-    double share;                          /* of the pixels that see a surface, in (0, 1] */
-    uint32_t at_most;                      /* points over all cameras together, 0: no limit */
-    const struct kl_gather_tables *tables; /* rays of the reference */
-    kl_gather_settings gather;             /* side and sets are set from tables */
+    double share;                   /* of the pixels that see a surface, in (0, 1] */
+    uint32_t at_most;               /* points over all cameras together, 0: no limit */
+    struct kl_gather_ladder ladder; /* rays of the references */
+    kl_gather_settings gather;      /* side and sets are set from the ladder */
     kl_gather_fn gather_batch;
     void *gather_context;
 };
