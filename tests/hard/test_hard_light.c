@@ -376,7 +376,7 @@ static void radiosity_cube(void **state)
         hard_quad(s, node, bright, (double[]){-1, 1, -1}, (double[]){2, 0, 0}, (double[]){0, 0, 2});
         for (int i = 0; i < 3; ++i)
             (void)hard_camera(s, (double[]){0, 0, 0}, looks[i], HARD_PI / 2);
-        hard_open(&stage, s, how, 0.05, 1024);
+        hard_open(&stage, s, how, 0.02, 1024);
         for (uint32_t i = 0; i < 3; ++i) { /* every pixel shows the same area of its face */
             char what[48];
             struct kl_image *image = hard_render(&stage, i, SIDE, SIDE, kind == 0 ? 4 : 256);
