@@ -1,0 +1,169 @@
+#include "src/base/clock.h"
+#include "src/render/renderer_impl.h"
+#include "src/render/turn.h"
+
+#include <math.h>
+
+static const float least_weight = 0.3f;
+static const float spacing_px = 1.5f;
+static const float uncovered = 5e-4f;
+enum { BATCH = 4096 };
+enum { MEASURED_POINTS = 256, MEASURE_ROUNDS = 8, VERIFY_SIDE = KL_LAST_SIDE / 2 };
+/* Standard errors are told by quarter blocks, 1.5 times too large on average: those of the
+ * references for proof reach a quarter of the error. */
+static const float reference_noise = 0.375f;
+/* Of the error: a few hundred points say it within 15 %. */
+static const double measured_share = 0.85;
+
+/* Bring the cache of an earlier edition up to date, and only then replace what lies on disk. */
+static kl_status revise(struct kl_renderer *r, const struct kl_fill_job *job,
+                        struct kl_fill_stats *stats, struct kl_err *err)
+{
+    struct kl_cache *cache = NULL;
+    kl_status st = kl_revision_fill(r->revision, job, &cache, stats, err);
+
+    if (st != KL_OK) return st;
+    kl_revision_get_summary(r->revision, &r->summary);
+    stats->refreshed = r->summary.again;
+    kl_cache_destroy(r->cache);
+    r->cache = cache;
+    if (job->keep_batch != NULL) st = kl_renderer_publish(r, err);
+    if (st != KL_OK) return st;
+    kl_revision_close(r->revision);
+    r->revision = NULL;
+    return KL_OK;
+}
+
+static struct kl_verify_job verify_job(const struct kl_renderer *r, const struct kl_camera *cameras,
+                                       uint32_t camera_count)
+{
+    return (struct kl_verify_job){
+        .scene = kl_renderer_reference(r),
+        .cache = kl_cache_view(r->cache, 0),
+        .query = kl_renderer_eye_query(),
+        .cameras = cameras,
+        .camera_count = camera_count,
+        .gather = {.query = kl_renderer_gather_query(), .length_scale = KL_LENGTH_SCALE},
+        .gather_batch = kl_gatherer_run,
+        .gather_context = r->gatherer,
+    };
+}
+
+/* How well the frozen cache serves `cameras`: a few hundred points, with rays enough for the error
+ * that was asked for. */
+static kl_status measure(struct kl_renderer *r, const struct kl_renderer_fill *fill,
+                         struct kl_fill_stats *stats, struct kl_err *err)
+{
+    const struct kl_gather_tables *tables = NULL;
+    struct kl_verify_stats found;
+    const kl_level_view level1 = kl_cache_view(r->cache, 1);
+    const double start = kl_seconds();
+    kl_status st = kl_renderer_get_tables(
+        r, kl_renderer_side_for(r->settings.error < 0.02 ? 16384 : 4096), &tables, err);
+    if (st != KL_OK) return st;
+    struct kl_verify_job job = verify_job(r, fill->cameras, fill->camera_count);
+    job.ladder = (struct kl_gather_ladder){.steps = {tables}, .count = 1};
+    job.level1 = &level1;
+    job.share = 1.0;
+    job.at_most = MEASURED_POINTS;
+    st = kl_verify(&job, NULL, &found, err);
+    stats->gather_rays += (found.points + found.unserved) * tables->side * tables->side;
+    stats->gather_seconds += kl_seconds() - start;
+    stats->measured = kl_verify_error(&found);
+    return st;
+}
+
+static uint32_t added(const struct kl_fill_stats *stats)
+{
+    return stats->added[0] + stats->added[1];
+}
+
+/* Fill; then, as long as the measured error is above what was asked for, make radii smaller and
+ * fill the gaps. The error goes with the square of the radii. */
+static kl_status fill_until_met(struct kl_renderer *r, const struct kl_renderer_fill *fill,
+                                const struct kl_fill_job *job, struct kl_fill_stats *stats,
+                                struct kl_err *err)
+{
+    for (int round = 0;; ++round) {
+        const uint32_t before = added(stats);
+        kl_status st = kl_fill(job, stats, err);
+        if (st != KL_OK || !fill->measure || added(stats) == before) return st;
+        st = measure(r, fill, stats, err);
+        const double over = stats->measured / (measured_share * r->settings.error);
+        if (st != KL_OK || over <= 1.0 || round == MEASURE_ROUNDS) return st;
+        r->accuracy[0] *= (float)fmin(0.9, fmax(0.6, sqrt(0.9 / over)));
+        st = kl_cache_set_accuracy(r->cache, 0, r->accuracy[0], err);
+        if (st != KL_OK) return st;
+    }
+}
+
+static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill *fill,
+                            struct kl_turn *turn, struct kl_fill_stats *stats, struct kl_err *err)
+{
+    const bool keep = fill->keep && r->store != NULL;
+    struct kl_fill_job job = {
+        .scene = kl_renderer_reference(r),
+        .scene_radius = r->flat->radius,
+        .radius = {r->settings.radius, 0.0f, r->flat->radius},
+        .cameras = fill->cameras,
+        .camera_count = fill->camera_count,
+        .ladder = {r->ladder[0], r->ladder[1]},
+        .gather = {.query = kl_renderer_gather_query(),
+                   .length_scale = KL_LENGTH_SCALE,
+                   .touch = kl_renderer_touch_share(r)},
+        .query = {1.0f, KL_COS_MAX, KL_INF},
+        .least_weight = least_weight,
+        .spacing_px = spacing_px,
+        .uncovered = uncovered,
+        .batch = BATCH,
+        .gather_batch = kl_gatherer_run,
+        .gather_context = r->gatherer,
+        .keep_batch = keep ? kl_renderer_keep_batch : NULL,
+        .keep_context = r,
+        .progress = kl_turn_note,
+        .progress_context = turn,
+    };
+    kl_status st = r->revision != NULL ? revise(r, &job, stats, err) : KL_OK;
+    job.cache = r->cache;
+    if (st == KL_OK) st = fill_until_met(r, fill, &job, stats, err);
+    if (st != KL_OK) return st;
+    const double start = kl_seconds();
+    const bool grown = added(stats) > 0;
+    if (keep && r->lost[0] == '\0' && (grown || !kl_renderer_is_compact(r->store)))
+        st = kl_renderer_publish(r, err);
+    stats->insert_seconds += kl_seconds() - start;
+    return st;
+}
+
+kl_status kl_renderer_fill(struct kl_renderer *renderer, const struct kl_renderer_fill *fill,
+                           struct kl_fill_stats *stats, struct kl_err *err)
+{
+    struct kl_renderer *r = renderer;
+    struct kl_turn turn = {.progress = fill->progress, .progress_context = fill->progress_context};
+    kl_status st = KL_OK;
+
+    *stats = (struct kl_fill_stats){0};
+    kl_renderer_tell_use(r); /* records get other numbers */
+    r->must_keep = fill->must_keep;
+    if (fill->keep && r->store != NULL) {
+        st = kl_turn_begin(&turn, r->store, fill->cameras, fill->camera_count, err);
+        if (st == KL_OK && r->revision == NULL) st = kl_renderer_refresh(r, err);
+    }
+    if (st == KL_OK) st = fill_cache(r, fill, &turn, stats, err);
+    kl_turn_end(&turn);
+    return st;
+}
+
+kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camera *camera,
+                             double share, struct kl_verify_errors *all,
+                             struct kl_verify_stats *stats, struct kl_err *err)
+{
+    struct kl_verify_job job = verify_job(renderer, camera, 1);
+    job.share = share;
+    job.ladder = (struct kl_gather_ladder){
+        .count = 2, .tolerance = reference_noise * (float)renderer->settings.error};
+    kl_status st = kl_renderer_get_tables(renderer, VERIFY_SIDE, &job.ladder.steps[0], err);
+    if (st == KL_OK) st = kl_renderer_get_tables(renderer, KL_LAST_SIDE, &job.ladder.steps[1], err);
+    if (st != KL_OK) return st;
+    return kl_verify(&job, all, stats, err);
+}
