@@ -4,7 +4,6 @@
 #include "src/scene/digest.h"
 #include "src/trace/tracer.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -3,6 +3,7 @@
 #include "src/render/renderer_impl.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
