@@ -18,6 +18,8 @@ target_compile_options(
             -Wundef
             -Wnull-dereference
             -ffp-contract=off
+            -fno-math-errno
+            -fno-trapping-math
             $<$<COMPILE_LANGUAGE:C>:-Wstrict-prototypes>
             $<$<COMPILE_LANGUAGE:C>:-Wmissing-prototypes>)
 if(KL_WERROR)

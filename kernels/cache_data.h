@@ -24,10 +24,10 @@ typedef struct kl_record_hot {
 KL_ASSERT_SIZE(kl_record_hot, 32);
 
 typedef struct kl_record_cold {
-    float irr[3];         /* irradiance [W m^-2], linear Rec. 709, >= 0 */
-    kl_u16 grad_t[6];     /* half: d(irr_c)/dt, d(irr_c)/db times raw_radius over irr_c, c = RGB */
-    kl_u16 grad_r[6];     /* half: rotational gradient over irr_c */
-    float raw_radius;     /* [m] before clamping, > 0 */
+    float irr[3];     /* irradiance [W m^-2], linear Rec. 709, >= 0 */
+    kl_u16 grad[12];  /* half, pairs of components along t and b for RGB: translational gradients
+                       * times raw_radius over irr, then rotational ones over irr */
+    float raw_radius; /* [m] before clamping, > 0 */
     kl_u32 error_spacing; /* low 16: half, relative standard error of irr; high 16: half, least
                            * radius over raw_radius (pixel size where it was placed) */
     kl_u8 clearance[KL_SECTORS]; /* distance at which the horizon is blocked, per azimuth, as

@@ -88,36 +88,6 @@ KL_FN kl_vec2 kl_record_axis(kl_u32 form)
     return axis;
 }
 
-/* Weight of a record at point p with normal n; 0 where it does not apply. Elliptic hat of
- * Schwarzhaupt, Jensen, Jarosz 2012; behind test with the mean normal after Ward 1988. */
-KL_FN float kl_record_weight(const KL_GLOBAL kl_record_hot *r, kl_vec3 p, kl_vec3 n,
-                             const kl_query *q, kl_vec3 *offset, kl_frame *frame)
-{
-    const kl_vec3 d = kl_v3_sub(p, kl_v3_load(r->pos));
-    const kl_vec3 ni = kl_oct_decode(r->normal);
-    const float reach = q->reach * r->radius2;
-    const float r1 = q->reach * r->radius;
-    const float d2 = kl_dot(d, d);
-    const float height = kl_dot(d, ni);
-    const float cosine = kl_dot(n, ni);
-    /* One branch that mispredicts instead of four. */
-    const int applies = (d2 < reach * reach) & (cosine > q->cos_max) &
-                        (kl_fabs(height) <= KL_SLAB * r1) &
-                        (0.5f * (kl_dot(d, n) + height) >= -KL_BEHIND_TOLERANCE * r1);
-    if (!applies) return 0.0f;
-    *offset = d;
-    *frame = kl_frame_from_normal(ni);
-    const float steep = 1.0f / (r1 * r1);
-    float t2 = d2 * steep;
-    if (r->radius2 > r->radius) {
-        const kl_vec2 axis = kl_record_axis(r->form);
-        const float major = kl_dot(d, frame->b) * axis.x - kl_dot(d, frame->t) * axis.y;
-        t2 -= major * major * (steep - 1.0f / (reach * reach));
-    }
-    return kl_fmax(0.0f, 1.0f - kl_sqrt(kl_fmax(t2, 0.0f))) * (cosine - q->cos_max) *
-           (1.0f / (1.0f - q->cos_max));
-}
-
 /* One of KL_SECTORS azimuths for a direction in a record's frame: quadrant, then third of it. */
 KL_FN kl_u32 kl_sector_of(float x, float y)
 {
@@ -126,6 +96,53 @@ KL_FN kl_u32 kl_sector_of(float x, float y)
     const kl_u32 quadrant = (x < 0.0f ? 1u : 0u) + (y < 0.0f ? 2u : 0u);
     const kl_u32 third = (ay > 0.577350269f * ax ? 1u : 0u) + (ay > 1.732050808f * ax ? 1u : 0u);
     return 3u * quadrant + third;
+}
+
+/* A point and its normals as a record sees them. */
+typedef struct kl_bearing {
+    float weight;  /* 0: the record does not apply */
+    float x, y;    /* [m] of the point, along the record's tangents */
+    float u, v;    /* turn from the record's normal to `bent`, about these tangents */
+    float inverse; /* [1/m] of the distance */
+    kl_u32 sector; /* azimuth, for the leak test */
+} kl_bearing;
+
+/* Bearing of a point at distance d from a record with normal `ni`. Weight: elliptic hat of
+ * Schwarzhaupt, Jensen, Jarosz 2012; behind test with the mean normal after Ward 1988. No branches:
+ * the host asks several records at once. */
+KL_FN kl_bearing kl_bearing_of(kl_vec3 d, kl_vec3 ni, float radius, float radius2, kl_u32 form,
+                               const kl_query *q, kl_vec3 n, kl_vec3 bent)
+{
+    const kl_frame f = kl_frame_from_normal(ni);
+    const kl_vec2 axis = kl_record_axis(form);
+    const float r1 = q->reach * radius;
+    const float r2 = q->reach * radius2;
+    const float d2 = kl_dot(d, d);
+    const float height = kl_dot(d, ni);
+    const float cosine = kl_dot(n, ni);
+    const int applies = (d2 < r2 * r2) & (cosine > q->cos_max) & (kl_fabs(height) <= KL_SLAB * r1) &
+                        (0.5f * (kl_dot(d, n) + height) >= -KL_BEHIND_TOLERANCE * r1);
+    kl_bearing b;
+    b.x = kl_dot(d, f.t);
+    b.y = kl_dot(d, f.b);
+    b.u = -kl_dot(bent, f.b);
+    b.v = kl_dot(bent, f.t);
+    b.inverse = 1.0f / kl_sqrt(kl_fmax(d2, 1e-37f));
+    b.sector = kl_sector_of(b.x, b.y);
+    const float steep = 1.0f / (r1 * r1);
+    const float major = b.y * axis.x - b.x * axis.y;
+    const float t2 = d2 * steep - major * major * (steep - 1.0f / (r2 * r2));
+    const float hat = kl_fmax(0.0f, 1.0f - kl_sqrt(kl_fmax(t2, 0.0f)));
+    b.weight = applies ? hat * (cosine - q->cos_max) * (1.0f / (1.0f - q->cos_max)) : 0.0f;
+    return b;
+}
+
+/* The same, of one record. */
+KL_FN kl_bearing kl_record_bearing(const KL_GLOBAL kl_record_hot *r, const kl_query *q, kl_vec3 p,
+                                   kl_vec3 n)
+{
+    const kl_vec3 d = kl_v3_sub(p, kl_v3_load(r->pos));
+    return kl_bearing_of(d, kl_oct_decode(r->normal), r->radius, r->radius2, r->form, q, n, n);
 }
 
 #define KL_CLEARANCE_LEAST ((127u - 27u) * 8u) /* a float's upper bits: 2^-27 */
@@ -152,50 +169,53 @@ KL_FN float kl_clearance_distance(const KL_GLOBAL kl_record_cold *c, kl_u32 code
     return kl_sqrt(kl_as_f32((code + KL_CLEARANCE_LEAST) << 20) * kl_clearance_unit2(c));
 }
 
-/* Is the horizon blocked between the record and a point at local offset (x, y)? Uses the distances
- * that the record's lowest gather rays found, so a thin wall stops the record without any ray. */
-KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, float x, float y)
+/* Is the horizon blocked between the record and a point in its plane? Uses the distances that the
+ * record's lowest gather rays found, so a thin wall stops the record without any ray. */
+KL_FN int kl_is_blocked(const KL_GLOBAL kl_record_cold *c, kl_u32 sector, float d2)
 {
-    const kl_u32 code = c->clearance[kl_sector_of(x, y)];
-    if (code == 255u) return 0;
-    return kl_clearance_code(c, x * x + y * y) >= code;
+    const kl_u32 code = c->clearance[sector];
+    const float from = kl_as_f32((code + KL_CLEARANCE_LEAST) << 20);
+    return code != 255u && (code == 0u || d2 >= from * kl_clearance_unit2(c));
+}
+KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, const kl_bearing *b)
+{
+    return kl_is_blocked(c, b->sector, b->x * b->x + b->y * b->y);
 }
 
-/* What the record says the irradiance is at an offset: first order in position and normal, as a
+/* What the record says the irradiance is at a bearing: first order in position and normal, as a
  * factor that is kept within bounds. Farther out than the radius that the record asked for (pixels
  * may be larger) its gradient is not followed. */
-KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_frame *f,
-                                    kl_vec3 offset, kl_vec3 n)
+KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_bearing *b)
 {
-    const float length = kl_length(offset) / c->raw_radius;
-    const float scale = kl_fmin(1.0f, KL_GRADIENT_REACH / kl_fmax(length, 1e-30f)) / c->raw_radius;
-    const float x = kl_dot(offset, f->t) * scale;
-    const float y = kl_dot(offset, f->b) * scale;
-    const kl_vec3 turn = kl_cross(f->n, n);
-    const float u = kl_dot(turn, f->t);
-    const float v = kl_dot(turn, f->b);
+    const float scale = kl_fmin(1.0f / c->raw_radius, KL_GRADIENT_REACH * b->inverse);
+    const float x = b->x * scale;
+    const float y = b->y * scale;
+    float grad[12];
     float e[3];
+    KL_SIMD
+    for (int k = 0; k < 12; ++k) {
+        grad[k] = kl_half_to_float(c->grad[k]);
+    }
     for (int k = 0; k < 3; ++k) {
-        const float g = 1.0f + kl_half_to_float(c->grad_t[2 * k]) * x +
-                        kl_half_to_float(c->grad_t[2 * k + 1]) * y +
-                        kl_half_to_float(c->grad_r[2 * k]) * u +
-                        kl_half_to_float(c->grad_r[2 * k + 1]) * v;
+        const float g = 1.0f + (grad[2 * k] * x + grad[2 * k + 1] * y) +
+                        (grad[6 + 2 * k] * b->u + grad[7 + 2 * k] * b->v);
         e[k] = c->irr[k] * kl_clamp(g, KL_MIN_EXTRAPOLATION, KL_MAX_EXTRAPOLATION);
     }
     return kl_v3(e[0], e[1], e[2]);
 }
 
-#define KL_CHUNK 16
+#define KL_GROUP 8u /* records that are asked together, before looking whether they are enough */
 
-/* Of the next KL_CHUNK records of a row, those whose radius reaches p; their number. No branches to
- * mispredict. *at moves on; KL_NONE behind the last. */
+/* The next KL_GROUP records of a row whose radius reaches p, fewer at its end; their number. No
+ * branches to mispredict. *at moves on; KL_NONE behind the last. */
 KL_FN kl_u32 kl_records_near(const kl_level_view *c, kl_u32 *at, kl_vec3 p, float reach2,
-                             kl_u32 near[KL_CHUNK])
+                             kl_u32 near[KL_GROUP])
 {
     kl_u32 found = 0;
     kl_u32 item = 0;
-    for (kl_u32 k = 0; k < KL_CHUNK && !(item & KL_ROW_LAST); ++k) {
-        item = c->rows[*at + k];
+    kl_u32 next = *at;
+    while (found < KL_GROUP && !(item & KL_ROW_LAST)) {
+        item = c->rows[next++];
         const kl_u32 i = item & ~KL_ROW_LAST;
         const KL_GLOBAL kl_record_hot *r = &c->hot[i];
         const kl_vec3 d = kl_v3_sub(p, kl_v3_load(r->pos));
@@ -205,30 +225,71 @@ KL_FN kl_u32 kl_records_near(const kl_level_view *c, kl_u32 *at, kl_vec3 p, floa
     for (kl_u32 k = 0; k < found; ++k) {
         KL_PREFETCH(&c->cold[near[k]]);
     }
-    *at = item & KL_ROW_LAST ? KL_NONE : *at + KL_CHUNK;
+    *at = item & KL_ROW_LAST ? KL_NONE : next;
     return found;
 }
 
-KL_FN void kl_answer_add(const kl_level_view *c, const kl_query *q, kl_u32 i, kl_vec3 p, kl_vec3 n,
-                         kl_vec3 bent, kl_answer *a)
+/* Bearings from KL_LANES records. */
+typedef struct kl_lanes {
+    float radius[KL_LANES];
+    float share[KL_LANES]; /* weight over squared radius, in edges of the root */
+    float weight[KL_LANES], x[KL_LANES], y[KL_LANES], u[KL_LANES], v[KL_LANES], inverse[KL_LANES];
+    kl_u32 sector[KL_LANES];
+} kl_lanes;
+
+/* From `count` records, KL_LANES at most; the other lanes repeat the first. */
+KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, kl_u32 count,
+                          const kl_query *q, kl_vec3 p, kl_vec3 n, kl_vec3 bent, kl_lanes *l)
 {
-    kl_vec3 offset;
-    kl_frame f;
-    const KL_GLOBAL kl_record_cold *cold = &c->cold[i];
-    const float w = kl_record_weight(&c->hot[i], p, n, q, &offset, &f);
-    if (!(w > 0.0f)) return;
-    if (kl_record_is_blocked(cold, kl_dot(offset, f.t), kl_dot(offset, f.b))) return;
-    /* Where a small record serves, a large one that reaches there knows less. */
-    const float fine = c->head.side / c->hot[i].radius;
-    const float share = w * fine * fine;
+    float dx[KL_LANES];
+    float dy[KL_LANES];
+    float dz[KL_LANES];
+    float radius2[KL_LANES];
+    kl_u32 normal[KL_LANES];
+    kl_u32 form[KL_LANES];
+    for (kl_u32 k = 0; k < KL_LANES; ++k) {
+        const KL_GLOBAL kl_record_hot *r = &c->hot[records[k < count ? k : 0u]];
+        dx[k] = p.x - r->pos[0];
+        dy[k] = p.y - r->pos[1];
+        dz[k] = p.z - r->pos[2];
+        l->radius[k] = r->radius;
+        radius2[k] = r->radius2;
+        normal[k] = r->normal;
+        form[k] = r->form;
+    }
+    KL_SIMD
+    for (kl_u32 k = 0; k < KL_LANES; ++k) {
+        const kl_bearing b = kl_bearing_of(kl_v3(dx[k], dy[k], dz[k]), kl_oct_decode(normal[k]),
+                                           l->radius[k], radius2[k], form[k], q, n, bent);
+        /* Where a small record serves, a large one that reaches there knows less. */
+        const float fine = c->head.side / l->radius[k];
+        l->share[k] = b.weight * fine * fine;
+        l->weight[k] = b.weight;
+        l->x[k] = b.x;
+        l->y[k] = b.y;
+        l->u[k] = b.u;
+        l->v[k] = b.v;
+        l->inverse[k] = b.inverse;
+        l->sector[k] = b.sector;
+    }
+}
+
+KL_FN void kl_answer_add(const kl_level_view *c, kl_u32 record, const kl_lanes *l, kl_u32 k,
+                         kl_answer *a)
+{
+    const kl_bearing b = {l->weight[k], l->x[k],       l->y[k],     l->u[k],
+                          l->v[k],      l->inverse[k], l->sector[k]};
+    const KL_GLOBAL kl_record_cold *cold = &c->cold[record];
+    const float share = l->share[k];
+    if (kl_record_is_blocked(cold, &b)) return;
     const float error = kl_half_to_float(cold->error_spacing & 0xffffu);
-    a->irr = kl_v3_mad(a->irr, share, kl_record_extrapolate(cold, &f, offset, bent));
+    a->irr = kl_v3_mad(a->irr, share, kl_record_extrapolate(cold, &b));
     a->error += share * error * error;
-    a->radius += share * c->hot[i].radius;
-    a->weight += w;
-    a->best = kl_fmax(a->best, w);
+    a->radius += share * l->radius[k];
+    a->weight += b.weight;
+    a->best = kl_fmax(a->best, b.weight);
     a->shares += share;
-    KL_NOTE_USE(c, i);
+    KL_NOTE_USE(c, record);
 }
 
 /* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
@@ -246,16 +307,22 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     if (c->head.record_count == 0u) return a;
     kl_u32 at = kl_octree_row(c, p, kl_normal_face(n));
     while (at != KL_NONE && a.weight < q->enough) {
-        kl_u32 near[KL_CHUNK];
+        kl_u32 near[KL_GROUP];
         const kl_u32 found = kl_records_near(c, &at, p, q->reach * q->reach, near);
-        for (kl_u32 k = 0; k < found; ++k) {
-            kl_answer_add(c, q, near[k], p, n, bent, &a);
+        for (kl_u32 first = 0; first < found; first += KL_LANES) {
+            const kl_u32 count = found - first < KL_LANES ? found - first : KL_LANES;
+            kl_lanes l;
+            kl_lanes_weigh(c, near + first, count, q, p, n, bent, &l);
+            for (kl_u32 k = 0; k < count; ++k) {
+                if (l.weight[k] > 0.0f) kl_answer_add(c, near[first + k], &l, k, &a);
+            }
         }
     }
     if (a.weight > 0.0f) {
-        a.irr = kl_v3_scale(a.irr, 1.0f / a.shares);
-        a.error = kl_sqrt(a.error / a.shares);
-        a.radius /= a.shares;
+        const float each = 1.0f / a.shares;
+        a.irr = kl_v3_scale(a.irr, each);
+        a.error = kl_sqrt(a.error * each);
+        a.radius *= each;
     }
     return a;
 }

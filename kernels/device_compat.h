@@ -30,6 +30,8 @@ typedef ulong kl_u64;
 #define kl_as_u32(x)   as_uint(x)
 #define kl_as_f32(x)   as_float(x)
 #define KL_PREFETCH(p) ((void)0) /* devices hide latency by themselves */
+#define KL_LANES       1u        /* and work items are their lanes */
+#define KL_SIMD
 #else
 #define KL_DEVICE 0
 #include <math.h>
@@ -40,6 +42,12 @@ typedef ulong kl_u64;
 #define KL_FN static inline
 #define KL_GLOBAL
 #define KL_PREFETCH(p) __builtin_prefetch(p)
+#define KL_LANES       8u /* of a loop that one vector instruction does at once */
+#if defined(_OPENMP)
+#define KL_SIMD _Pragma("omp simd")
+#else
+#define KL_SIMD
+#endif
 #define KL_CONST       static const
 typedef uint8_t kl_u8;
 typedef uint16_t kl_u16;

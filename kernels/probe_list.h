@@ -44,7 +44,7 @@
 #define KL_PROBE_CACHE(T, F)                                                                      \
     T(kl_record_hot) F(kl_record_hot, normal) F(kl_record_hot, radius)                            \
     F(kl_record_hot, radius2) F(kl_record_hot, form) F(kl_record_hot, object)                     \
-    T(kl_record_cold) F(kl_record_cold, grad_t) F(kl_record_cold, grad_r)                         \
+    T(kl_record_cold) F(kl_record_cold, grad)                         \
     F(kl_record_cold, raw_radius) F(kl_record_cold, clearance) F(kl_record_cold, touched)         \
     T(kl_octree_header) F(kl_octree_header, side) F(kl_octree_header, top_bits)                   \
     F(kl_octree_header, node_count) F(kl_octree_header, row_size)                                 \

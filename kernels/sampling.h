@@ -139,11 +139,12 @@ KL_FN kl_vec3 kl_cosine_direction(kl_vec2 u)
  * encode(decode(x)) == x off the square's rim, where two codes stand for one direction. */
 KL_FN kl_vec3 kl_oct_decode(kl_u32 code)
 {
-    const float x = (float)(kl_i16)(kl_u16)(code & 0xffffu) * (1.0f / 32767.0f);
-    const float y = (float)(kl_i16)(kl_u16)(code >> 16) * (1.0f / 32767.0f);
+    const float x = (float)((kl_i32)(code << 16) >> 16) * (1.0f / 32767.0f);
+    const float y = (float)((kl_i32)code >> 16) * (1.0f / 32767.0f);
     const float z = 1.0f - kl_fabs(x) - kl_fabs(y);
     const float fold = kl_fmax(-z, 0.0f);
-    return kl_normalize(kl_v3(x + (x >= 0.0f ? -fold : fold), y + (y >= 0.0f ? -fold : fold), z));
+    const kl_vec3 n = kl_v3(x + (x >= 0.0f ? -fold : fold), y + (y >= 0.0f ? -fold : fold), z);
+    return kl_v3_scale(n, 1.0f / kl_sqrt(kl_dot(n, n))); /* a third at least */
 }
 KL_FN kl_u32 kl_oct_encode(kl_vec3 n)
 {

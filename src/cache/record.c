@@ -102,8 +102,9 @@ void kl_record_pack(const kl_gather_point *point, const kl_gather_result *result
     memcpy(cold->irr, result->irr, sizeof cold->irr);
     for (int k = 0; k < 6; ++k) {
         const float irr = result->irr[k / 2];
-        cold->grad_t[k] = relative_half(result->grad_t[k] * axes.minor * damp, irr);
-        cold->grad_r[k] = relative_half(kl_clamp(result->grad_r[k], -8.0f * irr, 8.0f * irr), irr);
+        cold->grad[k] = relative_half(result->grad_t[k] * axes.minor * damp, irr);
+        cold->grad[6 + k] =
+            relative_half(kl_clamp(result->grad_r[k], -8.0f * irr, 8.0f * irr), irr);
     }
     cold->raw_radius = axes.minor;
     memcpy(cold->touched, result->touched, sizeof cold->touched);
@@ -123,8 +124,8 @@ static float relative_gradient(const kl_record_cold *cold, float angle)
     const float s = sinf(angle);
     float g[3];
     for (int k = 0; k < 3; ++k) {
-        g[k] = cold->irr[k] * (c * kl_half_to_float(cold->grad_t[2 * k]) +
-                               s * kl_half_to_float(cold->grad_t[2 * k + 1]));
+        g[k] = cold->irr[k] * (c * kl_half_to_float(cold->grad[2 * k]) +
+                               s * kl_half_to_float(cold->grad[2 * k + 1]));
     }
     const float y = kl_luminance(kl_v3(cold->irr[0], cold->irr[1], cold->irr[2]));
     return y > 0.0f ? fabsf(kl_luminance(kl_v3(g[0], g[1], g[2]))) / (y * cold->raw_radius) : 0.0f;

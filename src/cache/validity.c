@@ -24,10 +24,8 @@ static float extent_along(const kl_record_hot *r, const kl_record_cold *cold, fl
 static bool serves(const kl_level_view *level, uint32_t number, kl_vec3 p, kl_vec3 n, float reach)
 {
     const kl_query query = {reach, level->head.cos_max, KL_INF};
-    kl_vec3 offset;
-    kl_frame f;
-    if (!(kl_record_weight(&level->hot[number], p, n, &query, &offset, &f) > 0.0f)) return false;
-    return !kl_record_is_blocked(&level->cold[number], kl_dot(offset, f.t), kl_dot(offset, f.b));
+    const kl_bearing b = kl_record_bearing(&level->hot[number], &query, p, n);
+    return b.weight > 0.0f && !kl_record_is_blocked(&level->cold[number], &b);
 }
 
 struct way {

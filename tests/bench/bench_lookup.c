@@ -294,12 +294,10 @@ static double count_serving(const struct bench *b, double *candidates)
         const kl_vec3 p = b->points[i];
         kl_u32 at = kl_octree_row(&b->view, p, kl_normal_face(b->normals[i]));
         for (kl_u32 item = 0; at != KL_NONE && !(item & KL_ROW_LAST); ++at) {
-            kl_vec3 offset;
-            kl_frame f;
             item = b->view.rows[at];
             const kl_record_hot *hot = &b->view.hot[item & ~KL_ROW_LAST];
             ++tested;
-            serving += kl_record_weight(hot, p, b->normals[i], &q, &offset, &f) > 0.0f;
+            serving += kl_record_bearing(hot, &q, p, b->normals[i]).weight > 0.0f;
         }
     }
     *candidates = (double)tested / (QUERIES / 16);

@@ -181,7 +181,7 @@ static void no_texel_is_lost_beside_a_sun(void **state)
             const kl_vec3 d = kl_v3((float)(sin(theta) * sin(phi)), (float)cos(theta),
                                     (float)(-sin(theta) * cos(phi)));
             const double pdf = (double)kl_env_pdf(&flat->view, d);
-            lost += !(pdf > 0.0);
+            lost += pdf > 0.0 ? 0u : 1u;
             sum += pdf * sin(theta) * (HARD_PI / H) * (2.0 * HARD_PI / W);
         }
     }

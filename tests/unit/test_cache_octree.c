@@ -73,13 +73,10 @@ static double brute_force(const struct cloud *c, const kl_query *q, kl_vec3 p, k
     double sum = 0.0;
     *largest = 0.0;
     for (uint32_t i = 0; i < c->count; ++i) {
-        kl_vec3 offset;
-        kl_frame f;
-        const float w = kl_record_weight(&c->hot[i], p, n, q, &offset, &f);
-        if (!(w > 0.0f)) continue;
-        if (kl_record_is_blocked(&c->cold[i], kl_dot(offset, f.t), kl_dot(offset, f.b))) continue;
-        sum += (double)w;
-        *largest = fmax(*largest, (double)w);
+        const kl_bearing b = kl_record_bearing(&c->hot[i], q, p, n);
+        if (!(b.weight > 0.0f) || kl_record_is_blocked(&c->cold[i], &b)) continue;
+        sum += (double)b.weight;
+        *largest = fmax(*largest, (double)b.weight);
     }
     return sum;
 }

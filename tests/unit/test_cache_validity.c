@@ -88,8 +88,7 @@ static double count_serving(const struct world *w, float factor, float *weights)
     uint64_t serving = 0;
     uint32_t served = 0;
     for (uint32_t i = 0; i < POINTS; ++i) {
-        kl_vec3 p, n, offset;
-        kl_frame f;
+        kl_vec3 p, n;
         kl_u32 item = 0;
         random_point(w, &r, &p, &n);
         weights[i] = kl_cache_query(&w->view, &q, p, n, n).weight;
@@ -99,7 +98,7 @@ static double count_serving(const struct world *w, float factor, float *weights)
         for (; at != KL_NONE && !(item & KL_ROW_LAST); ++at) {
             item = w->view.rows[at];
             const kl_record_hot *hot = &w->hot[item & ~KL_ROW_LAST];
-            serving += kl_record_weight(hot, p, n, &q, &offset, &f) > 0.0f;
+            serving += kl_record_bearing(hot, &q, p, n).weight > 0.0f;
         }
     }
     return (double)serving / (served > 0 ? served : 1);

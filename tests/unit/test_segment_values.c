@@ -28,7 +28,7 @@ static bool is_sound(const kl_record_hot *hot, const kl_record_cold *cold)
         ok = ok && isfinite(hot->pos[i]) && isfinite(cold->irr[i]) && cold->irr[i] >= 0.0f;
     }
     for (int i = 0; i < 6; ++i) {
-        ok = ok && half_is_finite(cold->grad_t[i]) && half_is_finite(cold->grad_r[i]);
+        ok = ok && half_is_finite(cold->grad[i]) && half_is_finite(cold->grad[6 + i]);
     }
     ok = ok && isfinite(cold->raw_radius) && cold->raw_radius > 0.0f;
     ok = ok && (cold->error_spacing & 0xffffu) < 0x7c00u && cold->error_spacing >> 16 < 0x7c00u;

@@ -557,7 +557,7 @@ static void unsound_batches_are_not_written(void **state)
     b.cold[1][2].irr[0] = -1.0f;
     assert_int_equal(kl_store_append(store, b.levels, &err), KL_ERR_USAGE);
     make_batch(&b, 0.0f);
-    b.cold[0][0].grad_t[5] = 0x7c00;
+    b.cold[0][0].grad[5] = 0x7c00;
     assert_int_equal(kl_store_append(store, b.levels, &err), KL_ERR_USAGE);
     make_batch(&b, 0.0f);
     b.rows[1] = RECORDS;
