@@ -36,11 +36,13 @@ typedef struct kl_gather_cell {
     float distance;    /* [m]; KL_INF: nothing there; negative: the magnitude, and the surface that
                         * was hit faces the way the record does (the same floor, curved) */
     float potential;   /* luminance that would arrive if the surface that was hit were white */
-    kl_u32 touch; /* four bytes, lowest first: bit (kernels/parts.h) of the object that was hit;
-                   * of the light that it was asked for; that light's share of the radiance, in
-                   * 255ths; bit of the object that the path hit next, if it went on. 255: none */
+    kl_u32 touch;  /* four bytes, lowest first: bit (kernels/parts.h) of the object that was hit;
+                    * of the light that it was asked for; that light's share of the radiance, in
+                    * 255ths; bit of the object that the path hit next, if it went on. 255: none */
+    kl_u32 toward; /* octahedral: where light was asked for from what was hit */
+    float light;   /* [m] how far away that is; 0: none was, KL_INF: the sky */
 } kl_gather_cell;
-KL_ASSERT_SIZE(kl_gather_cell, 24);
+KL_ASSERT_SIZE(kl_gather_cell, 32);
 #define KL_TOUCH_NONE 255u
 
 KL_FN float kl_cell_inverse(const KL_GLOBAL kl_gather_cell *c)
@@ -62,21 +64,25 @@ typedef struct kl_gather_settings {
     float touch;        /* share of a record's light from which on it depends on a part */
 } kl_gather_settings;
 
-/* Direct light reflected by a white Lambertian surface: one sample of one light, *which. */
+/* Direct light reflected by a white Lambertian surface: one sample of one light. *light: where it
+ * was looked for; light KL_NONE: there is none, distance 0: it cannot come from there. */
 KL_FN kl_vec3 kl_direct_lambert(const kl_scene_view *s, const kl_surface *surf, float choice,
-                                kl_vec2 u, kl_u32 *which)
+                                kl_vec2 u, kl_light_sample *light)
 {
-    kl_light_sample light;
-    *which = KL_NONE;
-    if (!kl_light_sample_one(s, surf->pos, surf->geometric, surf->time, choice, u, &light)) {
+    if (!kl_light_sample_one(s, surf->pos, surf->geometric, surf->time, choice, u, light)) {
+        light->light = KL_NONE;
+        light->distance = 0.0f;
+        light->wi = surf->smooth;
         return kl_v3_splat(0.0f);
     }
-    *which = light.light;
-    const float cosine = kl_dot(surf->smooth, light.wi);
-    if (!(cosine > 0.0f) || !(kl_dot(surf->geometric, light.wi) > 0.0f)) return kl_v3_splat(0.0f);
-    const kl_ray ray = kl_shadow_ray(s, surf, &light);
+    const float cosine = kl_dot(surf->smooth, light->wi);
+    if (!(cosine > 0.0f) || !(kl_dot(surf->geometric, light->wi) > 0.0f)) {
+        light->distance = 0.0f;
+        return kl_v3_splat(0.0f);
+    }
+    const kl_ray ray = kl_shadow_ray(s, surf, light);
     const float through = kl_transmittance(s, &ray);
-    return kl_v3_scale(light.radiance, KL_INV_PI * cosine * through / light.pdf);
+    return kl_v3_scale(light->radiance, KL_INV_PI * cosine * through / light->pdf);
 }
 
 /* Bits of a light and of an object. */
@@ -111,6 +117,8 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
     kl_vec3 sum = kl_v3_splat(0.0f); /* as if the first surface were white */
     kl_vec3 beta = kl_v3_splat(1.0f);
     out.distance = KL_INF;
+    out.toward = 0u;
+    out.light = 0.0f;
     for (int bounce = 0; bounce < KL_GATHER_DEPTH; ++bounce) {
         kl_hit hit;
         kl_surface surf;
@@ -129,11 +137,13 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         }
         const float choice = kl_sampler_1d(&sampler);
         const kl_vec2 u = kl_sampler_2d(&sampler);
-        kl_u32 which;
-        const kl_vec3 here = kl_direct_lambert(s, &surf, choice, u, &which);
+        kl_light_sample sample;
+        const kl_vec3 here = kl_direct_lambert(s, &surf, choice, u, &sample);
         if (bounce == 0) {
             direct = here;
-            light = which;
+            light = sample.light;
+            out.toward = kl_oct_encode(sample.wi);
+            out.light = sample.distance;
         }
         sum = kl_v3_add(sum, kl_v3_mul(beta, here));
         const float xi = kl_sampler_1d(&sampler);
@@ -161,7 +171,17 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
     return out;
 }
 
-/* The ray of one cell of one record's hemisphere. `x, y`: disc point of the direction. */
+/* Unit direction of one cell of one record's hemisphere. */
+KL_FN kl_vec3 kl_gather_toward(const KL_GLOBAL kl_gather_point *point,
+                               const KL_GLOBAL kl_direction *direction)
+{
+    const kl_frame f = kl_frame_from_normal(kl_oct_decode(point->normal));
+    const float x = point->rot_cos * direction->x - point->rot_sin * direction->y;
+    const float y = point->rot_sin * direction->x + point->rot_cos * direction->y;
+    return kl_frame_to_world(&f, kl_v3(x, y, kl_sqrt(kl_fmax(0.0f, 1.0f - x * x - y * y))));
+}
+
+/* The ray of one cell of one record's hemisphere. */
 KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_view *level1,
                                          const kl_gather_settings *set,
                                          const KL_GLOBAL kl_gather_point *point,
@@ -169,11 +189,7 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
 {
     const kl_vec3 n = kl_oct_decode(point->normal);
     const kl_vec3 ng = kl_oct_decode(point->geometric);
-    const kl_frame f = kl_frame_from_normal(n);
-    const float x = point->rot_cos * direction->x - point->rot_sin * direction->y;
-    const float y = point->rot_sin * direction->x + point->rot_cos * direction->y;
-    const kl_vec3 in_frame = kl_v3(x, y, kl_sqrt(kl_fmax(0.0f, 1.0f - x * x - y * y)));
-    const kl_vec3 dir = kl_frame_to_world(&f, in_frame);
+    const kl_vec3 dir = kl_gather_toward(point, direction);
     if (!(kl_dot(dir, ng) > 0.0f)) { /* below the triangle: its own surface, black and near */
         kl_gather_cell none;
         none.radiance[0] = 0.0f;
@@ -182,6 +198,8 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
         none.distance = KL_INF;
         none.potential = 0.0f;
         none.touch = KL_NONE;
+        none.toward = 0u;
+        none.light = 0.0f;
         return none;
     }
     const kl_vec3 origin = kl_leave_surface(s, kl_v3_load(point->pos), ng);

@@ -54,6 +54,7 @@
     T(kl_gather_point) F(kl_gather_point, geometric) F(kl_gather_point, rot_sin)                  \
     T(kl_direction) F(kl_direction, index)                                                        \
     T(kl_gather_cell) F(kl_gather_cell, distance) F(kl_gather_cell, touch)                        \
+    F(kl_gather_cell, toward) F(kl_gather_cell, light)                                            \
     T(kl_gather_settings) F(kl_gather_settings, length_scale) F(kl_gather_settings, side)         \
     F(kl_gather_settings, sets) F(kl_gather_settings, touch)                                      \
     T(kl_gather_result) F(kl_gather_result, error) F(kl_gather_result, grad_t)                    \

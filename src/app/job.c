@@ -68,7 +68,8 @@ static kl_status create_renderer(const struct kl_job *job, struct kl_renderer **
                                                                             : KL_RADIUS_HESSIAN,
                                                   .rays = o->rays,
                                                   .seed = o->seed,
-                                                  .animation = job->animation};
+                                                  .animation = job->animation,
+                                                  .carry = o->carry};
     return kl_renderer_create(job->scene, &settings, out, err);
 }
 
@@ -500,7 +501,8 @@ static void hash_blend(struct kl_hash *hash, const struct kl_job *job, size_t i)
 void kl_job_settings_digest(const struct kl_job *job, size_t i, uint8_t digest[KL_DIGEST_SIZE])
 {
     const struct kl_options *o = job->options;
-    const uint32_t numbers[] = {(uint32_t)o->indirect, o->spp, o->seed, o->rays};
+    const bool carries = o->carry && kl_renderer_is_moving(job->renderer);
+    const uint32_t numbers[] = {(uint32_t)o->indirect, o->spp, o->seed, o->rays, carries};
     struct kl_renderer_info info;
     struct kl_cache_state state;
     double origin[3];

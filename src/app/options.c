@@ -28,6 +28,7 @@ enum option_id {
     OPT_CACHE,
     OPT_CACHE_MODE,
     OPT_CACHE_BLEND,
+    OPT_MOVING,
     OPT_ERROR,
     OPT_VERIFY,
     OPT_RADIUS,
@@ -100,6 +101,7 @@ enum { OBJECT_TURN = 120 };
         TEXT("size", OPT_SIZE, "Image size (default: 1280x720)", "WxH"),                           \
         TEXT("spp", OPT_SPP, "Samples a pixel (default: 16)", "N")
 
+static const struct kl_option_word movings[] = {{"rebuild", 0}, {"carry", 1}, {NULL, 0}};
 static const struct kl_option_word radius_rules[] = {
     {"hessian", 0}, {"split-sphere", 1}, {NULL, 0}};
 
@@ -125,6 +127,11 @@ static const struct poptOption render_options[] = {
     TEXT("cache-blend", OPT_CACHE_BLEND,
          "For comparison: where things move, blend the caches of N frames each way (default: 0)",
          "N"),
+    TEXT("moving", OPT_MOVING,
+         "Where things move: rebuild the records of every frame, or carry them on from the frame "
+         "before, with a third of the rays; a frame then depends on those before it (default: "
+         "rebuild)",
+         "HOW"),
     TEXT("error", OPT_ERROR, "Relative error of indirect irradiance to aim at (default: 0.02)",
          "E"),
     TEXT("verify", OPT_VERIFY,
@@ -323,6 +330,9 @@ static kl_status set_choice(struct kl_options *o, int id, const char *text, stru
     } else if (id == OPT_CACHE_MODE) {
         st = set_word("cache-mode", text, cache_modes, &value, err);
         if (st == KL_OK) o->cache_mode = (enum kl_cache_mode)value;
+    } else if (id == OPT_MOVING) {
+        st = set_word("moving", text, movings, &value, err);
+        o->carry = value == 1;
     } else if (id == OPT_RADIUS) {
         st = set_word("radius", text, radius_rules, &value, err);
         o->split_sphere = value == 1;
@@ -446,6 +456,7 @@ static kl_status set_option(struct kl_options *o, int id, const char *text, stru
     case OPT_HEAT:
         return set_text(&o->heat, text, err);
     case OPT_INDIRECT:
+    case OPT_MOVING:
     case OPT_BY:
     case OPT_CACHE_MODE:
     case OPT_PROGRESS:
@@ -598,6 +609,13 @@ static kl_status check_arguments(const struct kl_options *o, const struct kl_opt
         (o->camera != NULL) + (o->turntable > 0 && !o->object_turns) + (o->path != NULL);
     if (flights > 1) {
         return kl_fail(err, KL_ERR_USAGE, "--camera, --turntable and --path exclude each other");
+    }
+    if (o->carry && o->cache_blend > 0) {
+        return kl_fail(err, KL_ERR_USAGE, "--moving carry and --cache-blend exclude each other");
+    }
+    if (o->carry && o->device != NULL && strncmp(o->device, "opencl", 6) == 0) {
+        return kl_fail(err, KL_ERR_USAGE, "--moving carry gathers on the host: no --device %s",
+                       o->device);
     }
     return KL_OK;
 }

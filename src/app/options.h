@@ -62,6 +62,7 @@ struct kl_options {
     enum kl_indirect_option indirect;
     enum kl_cache_mode cache_mode;
     uint32_t cache_blend; /* frames each way whose caches are blended, 0: none */
+    bool carry;           /* records of a moving scene go from frame to frame */
     char *cache, *device, *preset;
     double error;
     bool split_sphere;            /* rule of the radii, for comparison */

@@ -193,10 +193,10 @@ static json_t *describe_settings(const struct kl_job *job)
         "spp", integer(o->spp), "out", job->pattern, "aov", o->aov != NULL ? o->aov : "all", "png",
         (int)o->png, "overwrite", (int)o->overwrite);
     json_t *light = json_pack(
-        "{s:s,s:s?,s:s,s:I,s:f,s:s?,s:s,s:f,s:I,s:s,s:I,s:s?,s:s,s:f}", "indirect",
+        "{s:s,s:s?,s:s,s:I,s:s,s:f,s:s?,s:s,s:f,s:I,s:s,s:I,s:s?,s:s,s:f}", "indirect",
         kl_indirect_name(o->indirect), "cache", job->has_store ? job->cache_dir : NULL,
         "cache_mode", kl_cache_mode_name(o->cache_mode), "cache_blend", integer(o->cache_blend),
-        "error", o->error, "preset", o->preset, "radius",
+        "moving", o->carry ? "carry" : "rebuild", "error", o->error, "preset", o->preset, "radius",
         o->split_sphere ? "split-sphere" : "hessian", "verify", o->verify, "rays", integer(o->rays),
         "device", o->device != NULL ? o->device : "auto", "seed", integer(o->seed), "env", o->env,
         "animation", o->animation != NULL ? o->animation : "all", "time_limit", o->time_limit);

@@ -48,6 +48,9 @@ struct kl_gather_job {
     const kl_gather_point *points;
     size_t count;
     kl_gather_result *results; /* count of them, written */
+    kl_gather_cell **cells;    /* count of them, NULL; by the host, written: each record's last
+                                * cells, the caller's to free(), NULL where memory is out; NULL:
+                                * they are not wanted */
 };
 
 /* The job's settings for one step. */

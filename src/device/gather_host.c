@@ -4,6 +4,7 @@
 
 #include <omp.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* Cells of one thread: of this step, of the one before, and smoothed ones. */
 struct scratch {
@@ -28,11 +29,24 @@ static void gather_step(const struct kl_gather_job *job, uint32_t step, size_t i
                       &job->results[i]);
 }
 
+static void keep_cells(const struct kl_gather_job *job, uint32_t step, size_t i,
+                       const kl_gather_cell *cells)
+{
+    const size_t side = job->ladder.steps[step]->side;
+    struct kl_err ignored;
+    if (job->cells == NULL) return;
+    if (kl_alloc_array(&job->cells[i], side * side, sizeof *cells, &ignored) != KL_OK) return;
+    memcpy(job->cells[i], cells, side * side * sizeof *cells);
+}
+
 static void gather_record(const struct kl_gather_job *job, size_t i, struct scratch scratch)
 {
     for (uint32_t step = 0; step < job->ladder.count; ++step) {
         gather_step(job, step, i, &scratch);
-        if (kl_gather_is_done(&job->ladder, step, &job->results[i])) break;
+        if (kl_gather_is_done(&job->ladder, step, &job->results[i])) {
+            keep_cells(job, step, i, scratch.now);
+            break;
+        }
         kl_gather_cell *free_again = scratch.before;
         scratch.before = scratch.now;
         scratch.now = free_again;

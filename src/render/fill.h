@@ -45,7 +45,8 @@ struct kl_fill_stats {
     double uncovered;   /* share of pixels at the end, worst frame */
     double measured;    /* 95th percentile of the relative error of irradiance in the end; 0: not
                          * measured, because nobody asked or nothing was added */
-    uint32_t refreshed; /* records gathered again where they are, after an edit of the scene */
+    uint32_t refreshed; /* records gathered again where they are, after an edit of the scene, or of
+                         * which rays were shot again as things moved */
     double visibility_seconds, gather_seconds, insert_seconds;
 };
 

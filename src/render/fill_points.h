@@ -22,6 +22,9 @@ kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
 kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **points,
                                size_t *count, struct kl_err *err) KL_MUST_CHECK;
 
+/* The surface under a record, seen from its side. False: there is none, or it faces elsewhere. */
+bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, kl_surface *out);
+
 /* Where, and with which seed, a record of `level` gathers. Normals are octahedral. */
 kl_gather_point kl_fill_gather_point(kl_vec3 pos, kl_u32 normal, kl_u32 geometric, uint32_t level);
 

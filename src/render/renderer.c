@@ -83,6 +83,9 @@ kl_status kl_renderer_create(const struct kl_scene *scene,
     st = kl_pose_create(scene, settings->animation, 0.0, &pose, err);
     if (st == KL_OK) st = kl_flat_choose_origin(scene, pose, r->origin, err);
     if (st == KL_OK) st = make_ladders(r, err);
+    if (st == KL_OK && r->moving && settings->carry && settings->indirect == KL_INDIRECT_CACHE) {
+        st = kl_ledger_create(&r->ledger, err);
+    }
     kl_pose_destroy(pose);
     if (st != KL_OK) {
         kl_renderer_destroy(r);
@@ -101,6 +104,7 @@ static void leave_instant(struct kl_renderer *r)
     kl_motion_destroy(r->motion);
     kl_motion_destroy(r->before);
     kl_swept_destroy(r->swept);
+    kl_stand_destroy(r->stand);
     kl_parts_fini(&r->parts);
     kl_flat_destroy(r->flat);
     r->gatherer = NULL;
@@ -108,6 +112,7 @@ static void leave_instant(struct kl_renderer *r)
     r->motion = NULL;
     r->before = NULL;
     r->swept = NULL;
+    r->stand = NULL;
     r->flat = NULL;
     r->ready = false;
 }
@@ -116,6 +121,7 @@ void kl_renderer_destroy(struct kl_renderer *renderer)
 {
     if (renderer == NULL) return;
     leave_instant(renderer);
+    kl_ledger_destroy(renderer->ledger);
     for (int i = 0; i < KL_TABLES; ++i) {
         kl_gather_tables_destroy(renderer->tables[i]);
     }
@@ -182,8 +188,12 @@ kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
     if (st == KL_OK) st = kl_flat_create(r->scene, pose, r->origin, &r->flat, err);
     if (st == KL_OK) st = make_parts(r, pose, err);
     if (st == KL_OK) st = set_motion(r, pose, instants, err);
+    if (st == KL_OK && r->ledger != NULL) {
+        st = kl_stand_create(r->scene, pose, r->flat, &r->stand, err);
+    }
     if (st == KL_OK && r->settings.indirect == KL_INDIRECT_CACHE) {
-        st = kl_gatherer_create(r->settings.device, r->flat, &r->gatherer, err);
+        const char *device = r->ledger != NULL ? "embree" : r->settings.device;
+        st = kl_gatherer_create(device, r->flat, &r->gatherer, err);
     }
     kl_pose_destroy(pose);
     if (st != KL_OK) {
@@ -191,6 +201,8 @@ kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
         return st;
     }
     kl_flat_digest(r->flat, r->scene_digest);
+    r->reference = time;
+    r->earlier = instants->before;
     r->ready = true;
     return KL_OK;
 }

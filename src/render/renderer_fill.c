@@ -97,6 +97,31 @@ static kl_status fill_until_met(struct kl_renderer *r, const struct kl_renderer_
     }
 }
 
+/* What is gathered from now on is noted in the ledger. At first an empty cache takes over the
+ * records of the instant before; to what came from disk the ledger knows nothing. */
+static kl_status open_ledger(struct kl_renderer *r, struct kl_fill_job *job,
+                             struct kl_fill_stats *stats, struct kl_err *err)
+{
+    if (r->ledger == NULL) return KL_OK;
+    job->gather_batch = kl_ledger_gather;
+    job->gather_context = r->ledger;
+    if (r->stand == NULL) return KL_OK;
+    if (kl_cache_count(r->cache, 0) + kl_cache_count(r->cache, 1) == 0) {
+        return kl_ledger_carry(r->ledger, job, r->stand, r->earlier, stats, err);
+    }
+    kl_ledger_clear(r->ledger);
+    return KL_OK;
+}
+
+static kl_status close_ledger(struct kl_renderer *r, struct kl_err *err)
+{
+    struct kl_stand *stand = r->stand;
+
+    if (r->ledger == NULL) return KL_OK;
+    r->stand = NULL;
+    return kl_ledger_close(r->ledger, r->cache, kl_renderer_reference(r), stand, r->reference, err);
+}
+
 static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill *fill,
                             struct kl_turn *turn, struct kl_fill_stats *stats, struct kl_err *err)
 {
@@ -125,10 +150,12 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
     };
     kl_status st = r->revision != NULL ? revise(r, &job, stats, err) : KL_OK;
     job.cache = r->cache;
+    if (st == KL_OK) st = open_ledger(r, &job, stats, err);
     if (st == KL_OK) st = fill_until_met(r, fill, &job, stats, err);
+    if (st == KL_OK) st = close_ledger(r, err);
     if (st != KL_OK) return st;
     const double start = kl_seconds();
-    const bool grown = added(stats) > 0;
+    const bool grown = added(stats) + stats->refreshed > 0;
     if (keep && r->lost[0] == '\0' && (grown || !kl_renderer_is_compact(r->store)))
         st = kl_renderer_publish(r, err);
     stats->insert_seconds += kl_seconds() - start;

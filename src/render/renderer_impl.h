@@ -5,6 +5,7 @@
 
 #include "src/base/hash.h"
 #include "src/render/gatherer.h"
+#include "src/render/ledger.h"
 #include "src/render/renderer.h"
 #include "src/render/revision.h"
 #include "src/scene/flat.h"
@@ -47,6 +48,9 @@ struct kl_renderer {
     struct kl_revision *revision; /* NULL: the cache is of this edition of the scene */
     bool revised;
     struct kl_revision_summary summary; /* of the revision, if revised */
+    struct kl_ledger *ledger;           /* NULL: records are not carried from instant to instant */
+    struct kl_stand *stand;    /* how things stand; NULL: the ledger knows it, or there is none */
+    double reference, earlier; /* this instant and the one to carry from [s] */
 };
 
 /* Queries of what the camera sees take all records, with enlarged radii; those of gather rays are

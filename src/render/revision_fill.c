@@ -20,22 +20,6 @@ struct again {
     struct kl_fill_stats *stats;
 };
 
-/* The triangle under a record: its normal on the record's side; false: no surface is there. */
-static bool find_geometric(const kl_scene_view *scene, const kl_record_hot *hot, kl_u32 *geometric)
-{
-    const kl_vec3 n = kl_oct_decode(hot->normal);
-    const float height = 1e-4f * scene->scene_radius;
-    const kl_vec3 from = kl_v3_mad(kl_v3_load(hot->pos), height, n);
-    const kl_ray ray = kl_ray_make(from, kl_v3_scale(n, -1.0f), 2.0f * height);
-    kl_hit hit;
-    kl_surface s;
-
-    if (!kl_trace_closest(scene, &ray, &hit)) return false;
-    kl_surface_at(scene, &ray, &hit, &s);
-    *geometric = kl_oct_encode(s.geometric);
-    return kl_dot(s.smooth, n) > KL_SAME_SIDE;
-}
-
 /* Gather `count` records anew and put the values where the old ones are. */
 static kl_status gather_some(const struct again *a, const uint32_t *numbers, uint32_t count,
                              const struct kl_cache *ends, struct kl_err *err)
@@ -52,13 +36,14 @@ static kl_status gather_some(const struct again *a, const uint32_t *numbers, uin
     if (st == KL_OK) st = kl_alloc_array(&results, count, sizeof *results, err);
     if (st == KL_OK) st = kl_alloc_array(&used, count, sizeof *used, err);
     for (uint32_t i = 0; st == KL_OK && i < count; ++i) {
-        kl_u32 geometric = 0;
-        if (!find_geometric(job->scene, &level->hot[numbers[i]], &geometric)) {
+        kl_surface surface;
+        if (!kl_fill_find_surface(job->scene, &level->hot[numbers[i]], &surface)) {
             level->fate[numbers[i]] = KL_FATE_DROP;
             continue;
         }
         points[n] = kl_fill_gather_point(kl_v3_load(level->hot[numbers[i]].pos),
-                                         level->hot[numbers[i]].normal, geometric, a->level);
+                                         level->hot[numbers[i]].normal,
+                                         kl_oct_encode(surface.geometric), a->level);
         used[n++] = numbers[i];
     }
     if (st == KL_OK && n > 0) {
