@@ -31,6 +31,12 @@ kl_status kl_ledger_create(struct kl_ledger **out, struct kl_err *err)
     return kl_alloc_array(out, 1, sizeof **out, err);
 }
 
+static void entry_fini(struct kl_ledger_entry *e)
+{
+    free(e->cells);
+    free(e->waits);
+}
+
 /* Forget all entries but those for which `stays`. */
 static void sift(struct kl_ledger *l, bool (*stays)(const struct kl_ledger_entry *e))
 {
@@ -43,7 +49,7 @@ static void sift(struct kl_ledger *l, bool (*stays)(const struct kl_ledger_entry
             l->rays += (size_t)e->side * e->side;
             l->entries[left++] = *e;
         } else {
-            free(e->cells);
+            entry_fini(e);
         }
     }
     l->count = left;
@@ -80,6 +86,26 @@ void kl_ledger_destroy(struct kl_ledger *ledger)
 
 /* ---- writing ---- */
 
+/* Note a record that was gathered; `cells` are the ledger's from now on, also after a failure. */
+static kl_status note(struct kl_ledger *l, const struct kl_gather_job *job, size_t i,
+                      kl_gather_cell *cells, struct kl_err *err)
+{
+    struct kl_ledger_entry e = {.point = job->points[i],
+                                .side = job->results[i].side,
+                                .cells = cells,
+                                .by_paths = job->level1->head.record_count == 0};
+    const size_t rays = (size_t)e.side * e.side;
+    const kl_status st = kl_alloc_array(&e.waits, rays, sizeof *e.waits, err);
+
+    if (st != KL_OK) {
+        entry_fini(&e);
+        return st;
+    }
+    l->rays += rays;
+    l->entries[l->count++] = e;
+    return KL_OK;
+}
+
 kl_status kl_ledger_gather(void *context, const struct kl_gather_job *job, struct kl_err *err)
 {
     struct kl_ledger *l = context;
@@ -92,17 +118,11 @@ kl_status kl_ledger_gather(void *context, const struct kl_gather_job *job, struc
     }
     if (st == KL_OK) st = kl_gather_host(&own, err);
     for (size_t i = 0; own.cells != NULL && i < job->count; ++i) {
-        const uint32_t side = job->results[i].side;
         if (st != KL_OK || own.cells[i] == NULL || l->rays >= most_rays) {
             free(own.cells[i]);
-            continue;
+        } else {
+            st = note(l, job, i, own.cells[i], err);
         }
-        l->rays += (size_t)side * side;
-        l->entries[l->count++] =
-            (struct kl_ledger_entry){.point = job->points[i],
-                                     .side = side,
-                                     .cells = own.cells[i],
-                                     .by_paths = job->level1->head.record_count == 0};
     }
     free(own.cells);
     return st;
@@ -297,18 +317,6 @@ static kl_status insert(const struct kl_ledger *l, enum pass pass, const struct 
     return st;
 }
 
-/* The objects whose level-1 records have changed, by so much that others may notice. */
-static void find_stirred(const struct kl_ledger *l, const struct kl_stand *stand, float touch,
-                         kl_u32 out[2])
-{
-    out[0] = out[1] = 0;
-    for (size_t i = 0; i < l->count; ++i) {
-        const struct kl_ledger_entry *e = &l->entries[i];
-        const kl_u32 bit = kl_stand_bit(stand, e->object);
-        if (e->level == 1 && e->change >= touch && bit < 64u) out[bit >> 5] |= 1u << (bit & 31u);
-    }
-}
-
 static bool is_stopped(const struct kl_ledger *l, enum pass pass, size_t done,
                        const struct kl_fill_job *job)
 {
@@ -320,7 +328,7 @@ static bool is_stopped(const struct kl_ledger *l, enum pass pass, size_t done,
 static kl_status refresh_some(struct kl_ledger *l, enum pass pass,
                               const struct kl_ledger_refresh *refresh, struct kl_err *err)
 {
-    const size_t cells = (size_t)KL_LEDGER_SIDE * KL_LEDGER_SIDE;
+    const size_t cells = (size_t)2 * KL_LEDGER_SIDE * KL_LEDGER_SIDE;
     kl_gather_cell *scratch = NULL;
     kl_status st =
         kl_alloc_array(&scratch, cells * (size_t)omp_get_max_threads(), sizeof *scratch, err);
@@ -348,12 +356,15 @@ static kl_status refresh_all(struct kl_ledger *l, const struct kl_fill_job *job,
                              const struct kl_moved *moved, const struct kl_stand *stand,
                              struct kl_fill_stats *stats, struct kl_err *err)
 {
-    struct kl_ledger_refresh refresh = {.job = job, .moved = moved, .turn = ++l->turn};
-    kl_status st = KL_OK;
+    struct kl_ledger_stir *stir = NULL;
+    kl_status st = kl_alloc_array(&stir, 1, sizeof *stir, err);
+    struct kl_ledger_refresh refresh = {
+        .job = job, .moved = moved, .stir = stir, .turn = ++l->turn};
 
     for (int pass = 0; st == KL_OK && pass < PASSES; ++pass) {
         refresh.level1 = kl_cache_view(job->cache, 1);
-        find_stirred(l, stand, job->gather.touch, refresh.stirred);
+        kl_ledger_stir(l->entries, l->count, stand, job->gather.touch, job->scene->scene_radius,
+                       stir);
         st = refresh_some(l, (enum pass)pass, &refresh, err);
         if (st == KL_OK) st = insert(l, (enum pass)pass, job, err);
     }
@@ -361,6 +372,7 @@ static kl_status refresh_all(struct kl_ledger *l, const struct kl_fill_job *job,
         stats->gather_rays += l->entries[i].shot;
         stats->refreshed += l->entries[i].shot > 0 && !l->entries[i].dropped;
     }
+    free(stir);
     return st;
 }
 

@@ -11,19 +11,19 @@ static const float turned = 0.9394f;  /* cosine, 20 degrees: normals beyond do n
 static const float slight = 0.02f;    /* change of the light that leaves the derivatives alone */
 static const float clear = 1e-3f;     /* of the scene's radius */
 
-/* What may have become of a ray: nothing; what it hits is lit otherwise; what it hits has moved,
- * and it still hits it; it has another origin; all. Of how many of a kind one is shot again in a
- * turn. */
-enum kind { STILL, DIMS, SEES, RIDES, TOUCHED, KINDS };
-static const uint32_t one_of[KINDS] = {0, 10, 2, 2, 1};
+/* Of how many of a kind one is shot again in a turn; of those that may be slow, where the record's
+ * light changed little the last time. */
+static const uint32_t one_of[KL_RAY_KINDS] = {0, 10, 3, 2, 2, 1};
+enum { ONE_OF_SLOW = 4 };
+static const float quick = 0.01f; /* change of the light from which on a record is not slow */
+static const float notes = 0.01f; /* change of light elsewhere, of its own, that a record notes */
 
-/* Rays of a kind: those that were shot again say by how much the others are wrong on average. */
+/* Rays of a kind that are shot in turn. */
 struct stratum {
-    double was, is; /* sums of luminance of those that were shot, before and now */
-    double others;  /* of those that were not */
-    uint32_t shot, kept;
+    double change[3], turns; /* of those that were shot: of radiance, and over how many turns */
+    double others[3], waits; /* of those that were not: radiance, and for how many turns */
 };
-enum { FEW = 8 }; /* rays that say nothing about others */
+enum { FEW = 8 }; /* turns of rays that say nothing about others */
 
 /* Entries were gathered by the same ladders: one of them has the side. */
 static const struct kl_gather_tables *find_tables(const struct kl_fill_job *job, uint32_t side)
@@ -66,23 +66,33 @@ static bool is_light_changed(const struct kl_ledger_refresh *r, const kl_gather_
            is_lit(r->job->scene, c, at, from) != lit;
 }
 
+/* Has light around what a ray hits changed by as much as its record would notice? */
+static bool is_noted(const struct kl_ledger_refresh *r, const struct kl_ledger_entry *e, kl_vec3 at)
+{
+    const float change = kl_ledger_stir_at(r->stir, at);
+    return change > 0.0f && change >= notes * kl_luminance(kl_v3_load(e->cold.irr));
+}
+
 /* `except`: the object that the record rides on, which stands in its own way as before. */
-static enum kind judge(const struct kl_ledger_refresh *r, const struct kl_ledger_entry *e,
-                       const kl_gather_cell *c, kl_vec3 dir, uint32_t except)
+static enum kl_ledger_kind judge(const struct kl_ledger_refresh *r, const struct kl_ledger_entry *e,
+                                 const kl_gather_cell *c, kl_vec3 dir, uint32_t except)
 {
     const struct kl_moved *m = r->moved;
-    const enum kind still = is_in(r->stirred, c->touch & 255u) ? DIMS : STILL;
-    const enum kind otherwise = except != KL_NONE ? RIDES : still;
+    const enum kl_ledger_kind still =
+        is_in(r->stir->objects, c->touch & 255u) ? KL_RAY_DIMS : KL_RAY_STILL;
+    const enum kl_ledger_kind otherwise = except != KL_NONE ? KL_RAY_RIDES : still;
     const kl_vec3 pos = kl_v3_load(e->point.pos);
     const float t = fabsf(c->distance);
 
     if (c->touch == KL_NONE) return otherwise; /* below its own triangle */
     const bool saw = is_in(m->touched, c->touch & 255u);
     const bool meets = kl_moved_meets(m->is, m->count, except, pos, dir, saw ? KL_INF : t);
-    if (saw != meets) return TOUCHED;
-    if (saw || is_in(m->touched, c->touch >> 24)) return SEES;
-    if (t < KL_INF && is_light_changed(r, c, kl_v3_mad(pos, t, dir), dir)) return TOUCHED;
-    return otherwise;
+    if (saw != meets) return KL_RAY_TOUCHED;
+    if (saw || is_in(m->touched, c->touch >> 24)) return KL_RAY_SEES;
+    if (!(t < KL_INF)) return otherwise;
+    const kl_vec3 at = kl_v3_mad(pos, t, dir);
+    if (is_light_changed(r, c, at, dir)) return KL_RAY_TOUCHED;
+    return otherwise <= KL_RAY_DIMS && is_noted(r, e, at) ? KL_RAY_FADES : otherwise;
 }
 
 static kl_u32 turn_normal(const float m[9], kl_u32 normal)
@@ -104,7 +114,9 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
 
     e->step = 0.0f;
     e->shot = 0;
+    e->hasty = e->change >= quick;
     e->change = 0.0f;
+    e->added = 0.0f;
     if (object->moved && !object->deformed) {
         pos = kl_affine_point(object->now_from_before, was);
         e->point.pos[0] = pos.x;
@@ -122,12 +134,41 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
         kl_moved_meets(m->is, m->count, object->moved ? e->object : KL_NONE, pos, normal, 0.0f);
 }
 
-static bool is_due(enum kind kind, uint32_t turn)
+static uint32_t period_of(const struct kl_ledger_entry *e, enum kl_ledger_kind kind)
 {
-    return one_of[kind] > 0 && turn % one_of[kind] == 0;
+    const bool slow = (kind == KL_RAY_SEES || kind == KL_RAY_RIDES) && !e->hasty;
+    return slow ? ONE_OF_SLOW : one_of[kind];
 }
 
-/* Shoot what has to be; kinds[i] becomes TOUCHED where that was done. */
+static bool is_due(const struct kl_ledger_entry *e, enum kl_ledger_kind kind, uint32_t turn)
+{
+    const uint32_t period = period_of(e, kind);
+    return period > 0 && turn % period == 0;
+}
+
+/* Does light that a ray of this kind brings change steadily? */
+static bool is_steady(enum kl_ledger_kind kind)
+{
+    return kind == KL_RAY_FADES || kind == KL_RAY_SEES || kind == KL_RAY_RIDES;
+}
+
+static void shoot_ray(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
+                      const kl_gather_settings *set, const kl_direction *d, uint32_t i,
+                      struct stratum *s)
+{
+    const kl_gather_cell was = e->cells[i];
+    const kl_gather_cell is = kl_gather_direction(r->job->scene, &r->level1, set, &e->point, d);
+
+    for (int k = 0; k < 3; ++k) {
+        s->change[k] += (double)is.radiance[k] - (double)was.radiance[k];
+    }
+    s->turns += e->waits[i];
+    e->cells[i] = is;
+    e->waits[i] = 0;
+    ++e->shot;
+}
+
+/* Shoot what has to be; kinds[i] becomes KL_RAY_TOUCHED where that was done. */
 static void shoot(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
                   const struct kl_gather_tables *tables, uint8_t *kinds, struct stratum *strata)
 {
@@ -138,46 +179,77 @@ static void shoot(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
     set.side = e->side;
     set.sets = tables->sets;
     for (uint32_t i = 0; i < e->side * e->side; ++i) {
-        kl_gather_cell *c = &e->cells[i];
+        const kl_gather_cell *c = &e->cells[i];
         const kl_direction *d = &directions[i];
         const kl_vec3 dir = kl_gather_toward(&e->point, d);
-        enum kind kind = judge(r, e, c, dir, rides ? e->object : KL_NONE);
-        if (fabsf(c->distance) <= near_steps * e->step) kind = TOUCHED;
+        enum kl_ledger_kind kind = judge(r, e, c, dir, rides ? e->object : KL_NONE);
+        if (fabsf(c->distance) <= near_steps * e->step) kind = KL_RAY_TOUCHED;
+        /* What it was to follow stands still now: its turn comes all the same. */
+        if (kind == KL_RAY_STILL && e->waits[i] > 0) kind = KL_RAY_DIMS;
+        if (is_steady(kind) && e->waits[i] < UINT8_MAX) ++e->waits[i];
         struct stratum *s = &strata[kind];
-        const double was = (double)kl_cell_luminance(c);
         kinds[i] = (uint8_t)kind;
-        if (!is_due(kind, kl_hash2(d->index, e->point.seed) + r->turn)) {
-            s->others += was;
-            ++s->kept;
+        if (is_due(e, kind, kl_hash2(d->index, e->point.seed) + r->turn)) {
+            shoot_ray(r, e, &set, d, i, s);
+            kinds[i] = KL_RAY_TOUCHED;
             continue;
         }
-        *c = kl_gather_direction(r->job->scene, &r->level1, &set, &e->point, d);
-        s->was += was;
-        s->is += (double)kl_cell_luminance(c);
-        ++s->shot;
-        ++e->shot;
-        kinds[i] = TOUCHED;
+        s->waits += e->waits[i];
+        for (int k = 0; k < 3; ++k) {
+            s->others[k] += (double)c->radiance[k];
+        }
     }
 }
 
-/* What rays that were not shot again have changed by, judged by those of their kind that were: a
- * factor that adds the mean difference. Where only light may have changed few rays change, and by
- * much: they wait for their turn. */
-static float drift_of(enum kind kind, const struct stratum *s)
+/* What rays of a kind that wait have changed by since they were shot, judged by those that had
+ * their turn lately: a factor that adds the mean change. It is told from what rays brought, never
+ * from what was estimated before: else errors would be handed from one half of the rays to the
+ * other for ever. Where few rays change, and by much, they just wait. */
+static void drift_of(struct kl_ledger_entry *e, enum kl_ledger_kind kind, const struct stratum *s,
+                     float factor[3])
 {
-    if (kind < SEES || kind == TOUCHED || s->shot < FEW || !(s->others > 0.0)) return 1.0f;
-    const double drift = (s->is - s->was) * s->kept / (s->shot * s->others);
-    return (float)fmin(2.0, fmax(0.5, 1.0 + drift));
+    struct kl_ledger_rate *rate = &e->rates[kind];
+    const float keep = 1.0f - 1.0f / (float)period_of(e, kind);
+
+    rate->turns = keep * rate->turns + (float)s->turns;
+    for (int k = 0; k < 3; ++k) {
+        rate->change[k] = keep * rate->change[k] + (float)s->change[k];
+        factor[k] = 1.0f;
+        if (rate->turns < (float)FEW || !(s->others[k] > 0.0)) continue;
+        const double drift = (double)(rate->change[k] / rate->turns) * s->waits / s->others[k];
+        factor[k] = (float)fmin(2.0, fmax(0.5, 1.0 + drift));
+    }
 }
 
-static double sum_up(const struct kl_ledger_entry *e, float irr[3])
+/* The rays as they are now, by all that is known. */
+static void drift(struct kl_ledger_entry *e, const uint8_t *kinds, const struct stratum *strata,
+                  kl_gather_cell *cells)
 {
-    const uint32_t n = e->side * e->side;
+    float factor[KL_RAY_KINDS][3];
+
+    for (int kind = 0; kind < KL_RAY_KINDS; ++kind) {
+        factor[kind][0] = factor[kind][1] = factor[kind][2] = 1.0f;
+        if (is_steady((enum kl_ledger_kind)kind)) {
+            drift_of(e, (enum kl_ledger_kind)kind, &strata[kind], factor[kind]);
+        }
+    }
+    for (uint32_t i = 0; i < e->side * e->side; ++i) {
+        const float *f = factor[kinds[i]];
+        cells[i] = e->cells[i];
+        for (int k = 0; k < 3; ++k) {
+            cells[i].radiance[k] *= f[k];
+        }
+        cells[i].potential *= kl_luminance(kl_v3_load(f));
+    }
+}
+
+static double sum_up(const kl_gather_cell *cells, uint32_t n, float irr[3])
+{
     double sum[3] = {0.0, 0.0, 0.0};
 
     for (uint32_t i = 0; i < n; ++i) {
         for (int k = 0; k < 3; ++k) {
-            sum[k] += (double)e->cells[i].radiance[k];
+            sum[k] += (double)cells[i].radiance[k];
         }
     }
     for (int k = 0; k < 3; ++k) {
@@ -186,35 +258,22 @@ static double sum_up(const struct kl_ledger_entry *e, float irr[3])
     return (double)kl_luminance(kl_v3_load(irr));
 }
 
-static void drift(struct kl_ledger_entry *e, const uint8_t *kinds, const struct stratum *strata)
-{
-    float factor[KINDS];
-    for (int k = 0; k < KINDS; ++k) {
-        factor[k] = drift_of((enum kind)k, &strata[k]);
-    }
-    for (uint32_t i = 0; i < e->side * e->side; ++i) {
-        for (int k = 0; k < 3; ++k) {
-            e->cells[i].radiance[k] *= factor[kinds[i]];
-        }
-        e->cells[i].potential *= factor[kinds[i]];
-    }
-}
-
 /* The record from its rays: only its light where that has changed little. */
 static void reduce(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
-                   const struct kl_gather_tables *tables, kl_gather_cell *scratch)
+                   const struct kl_gather_tables *tables, const kl_gather_cell *cells,
+                   kl_gather_cell *scratch)
 {
     const float spacing = kl_half_to_float(e->cold.error_spacing >> 16) * e->cold.raw_radius;
     const kl_grid_view grid = kl_gather_tables_grid(tables);
     kl_gather_result result;
 
-    kl_reduce_touched(e->cells, e->side * e->side, r->job->gather.touch, &result);
+    kl_reduce_touched(cells, e->side * e->side, r->job->gather.touch, &result);
     if (e->change < slight) {
         memcpy(e->cold.touched, result.touched, sizeof e->cold.touched);
         return;
     }
-    kl_reduce_record(e->cells, kl_gather_directions(tables, e->point.seed), &grid, &e->point,
-                     scratch, &result);
+    kl_reduce_record(cells, kl_gather_directions(tables, e->point.seed), &grid, &e->point, scratch,
+                     &result);
     kl_record_pack(&e->point, &result, e->level, spacing, &r->job->radius, &e->hot, &e->cold);
 }
 
@@ -222,15 +281,18 @@ void kl_ledger_refresh_entry(const struct kl_ledger_refresh *refresh, struct kl_
                              kl_gather_cell *scratch)
 {
     const struct kl_gather_tables *tables = find_tables(refresh->job, entry->side);
-    struct stratum strata[KINDS] = {{0}};
+    const uint32_t n = entry->side * entry->side;
+    kl_gather_cell *cells = scratch + n;
+    struct stratum strata[KL_RAY_KINDS];
     uint8_t kinds[KL_LEDGER_SIDE * KL_LEDGER_SIDE];
-    float irr[3];
 
-    const double before = sum_up(entry, irr);
+    const double before = (double)kl_luminance(kl_v3_load(entry->cold.irr));
+    memset(strata, 0, sizeof strata);
     shoot(refresh, entry, tables, kinds, strata);
     if (entry->shot == 0) return;
-    drift(entry, kinds, strata);
-    const double after = sum_up(entry, entry->cold.irr);
+    drift(entry, kinds, strata, cells);
+    const double after = sum_up(cells, n, entry->cold.irr);
+    entry->added = (float)(after - before);
     if (after != before) entry->change = before > 0.0 ? (float)fabs(after / before - 1.0) : 1.0f;
-    reduce(refresh, entry, tables, scratch);
+    reduce(refresh, entry, tables, cells, scratch);
 }
