@@ -13,7 +13,7 @@
 
 enum { FIRST_SLOTS = 4096, BATCH = 1024 };
 static const size_t most_rays = (size_t)1 << 25; /* 1 GiB; records beyond are placed anew */
-static const float crowd = 0.7f; /* of its radius: records this near are not needed */
+static const float crowd = 0.7f;  /* of its radius: records this near are not needed */
 static const float alike = 0.98f; /* cosine between their normals */
 static const float beside = 0.1f; /* of the image: records so far outside may still serve */
 

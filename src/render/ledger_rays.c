@@ -15,8 +15,8 @@ static const float clear = 1e-3f;     /* of the scene's radius */
  * light changed little the last time. */
 static const uint32_t one_of[KL_RAY_KINDS] = {0, 10, 3, 2, 2, 1};
 enum { ONE_OF_SLOW = 4 };
-static const float quick = 0.01f; /* change of the light from which on a record is not slow */
-static const float notes = 0.01f; /* change of light elsewhere, of its own, that a record notes */
+static const float quick = 0.015f; /* change of the light from which on a record is not slow */
+static const float notes = 0.01f;  /* change of light elsewhere, of its own, that a record notes */
 
 /* Rays of a kind that are shot in turn. */
 struct stratum {
