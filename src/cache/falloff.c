@@ -65,10 +65,10 @@ static void set_bounds(struct node *node, const struct kl_falloff_point *p, uint
         node->hi[k] = -FLT_MAX;
     }
     for (uint32_t i = 0; i < n; ++i) {
-        node->least = fminf(node->least, p[i].value);
+        node->least = kl_fmin(node->least, p[i].value);
         for (int k = 0; k < 3; ++k) {
-            node->lo[k] = fminf(node->lo[k], p[i].pos[k]);
-            node->hi[k] = fmaxf(node->hi[k], p[i].pos[k]);
+            node->lo[k] = kl_fmin(node->lo[k], p[i].pos[k]);
+            node->hi[k] = kl_fmax(node->hi[k], p[i].pos[k]);
         }
     }
 }
@@ -138,7 +138,7 @@ static float box_distance(const struct node *n, const float pos[3])
 {
     float d2 = 0.0f;
     for (int k = 0; k < 3; ++k) {
-        const float d = fmaxf(0.0f, fmaxf(n->lo[k] - pos[k], pos[k] - n->hi[k]));
+        const float d = kl_fmax(0.0f, kl_fmax(n->lo[k] - pos[k], pos[k] - n->hi[k]));
         d2 += d * d;
     }
     return sqrtf(d2);
@@ -164,7 +164,7 @@ float kl_falloff_at(const struct kl_falloff *falloff, const float pos[3], float 
         for (uint32_t i = n->first; i < n->first + n->count; ++i) {
             const struct kl_falloff_point *p = &falloff->points[i];
             const kl_vec3 d = kl_v3(pos[0] - p->pos[0], pos[1] - p->pos[1], pos[2] - p->pos[2]);
-            best = fminf(best, p->value + kl_length(d));
+            best = kl_fmin(best, p->value + kl_length(d));
         }
     }
     return best;

@@ -60,7 +60,7 @@ struct kl_octree_root kl_octree_root_make(const float center[3], float radius)
 static uint32_t faces_of(kl_vec3 n, float cos_max)
 {
     const float v[3] = {n.x, n.y, n.z};
-    const float least = -sqrtf(2.0f * fmaxf(0.0f, 1.0f - cos_max * cos_max)) - 1e-4f;
+    const float least = -sqrtf(2.0f * kl_fmax(0.0f, 1.0f - cos_max * cos_max)) - 1e-4f;
     uint32_t faces = 0;
     for (uint32_t f = 0; f < 6; ++f) {
         const uint32_t axis = f / 2;
@@ -87,8 +87,8 @@ static struct disc disc_of(const struct kl_octree_root *root, const kl_record_ho
     const kl_vec2 axis = kl_record_axis(r->form);
     const kl_vec3 minor = kl_v3_mad(kl_v3_scale(f.t, axis.x), axis.y, f.b);
     const kl_vec3 major = kl_v3_mad(kl_v3_scale(f.b, axis.x), -axis.y, f.t);
-    const float r1 = fminf(1.0001f * limits->reach * r->radius, most);
-    const float r2 = fminf(1.0001f * limits->reach * r->radius2, most);
+    const float r1 = kl_fmin(1.0001f * limits->reach * r->radius, most);
+    const float r2 = kl_fmin(1.0001f * limits->reach * r->radius2, most);
     const float up[3] = {n.x, n.y, n.z};
     const float across[3] = {minor.x, minor.y, minor.z};
     const float along[3] = {major.x, major.y, major.z};
@@ -100,7 +100,7 @@ static struct disc disc_of(const struct kl_octree_root *root, const kl_record_ho
                      .faces = faces_of(n, limits->cos_max)};
     for (int k = 0; k < 3; ++k) {
         const float flat = hypotf(r2 * along[k], r1 * across[k]);
-        const float extent = fminf(hypotf(flat, r1 * up[k]), flat + d.thick * fabsf(up[k]));
+        const float extent = kl_fmin(hypotf(flat, r1 * up[k]), flat + d.thick * fabsf(up[k]));
         d.lo[k] = r->pos[k] - extent;
         d.hi[k] = r->pos[k] + extent;
     }
@@ -119,42 +119,48 @@ static void cell_interval(const struct kl_octree_root *root, uint32_t level, uin
     *hi = at + 1 == 1u << level ? start + far_away(root) : start + edge + slack;
 }
 
-/* Does a disc touch a box? */
-static bool touches(const struct disc *d, const float lo[3], const float hi[3])
+/* The halves of a cell along each axis. */
+struct halves {
+    float lo[2][3], hi[2][3];
+};
+
+static struct halves halve(const struct kl_octree_root *root, const struct cell *cell)
+{
+    struct halves h;
+    for (int k = 0; k < 3; ++k) {
+        for (uint32_t s = 0; s < 2; ++s)
+            cell_interval(root, cell->level + 1, 2 * cell->at[k] + s, k, &h.lo[s][k], &h.hi[s][k]);
+    }
+    return h;
+}
+
+/* Bit set of the octants that a disc touches. All eight at once, without branches. */
+static uint32_t octants_of(const struct halves *h, const struct disc *d)
 {
     const float pos[3] = {d->pos.x, d->pos.y, d->pos.z};
     const float n[3] = {d->normal.x, d->normal.y, d->normal.z};
-    float distance2 = 0.0f;
-    float height = 0.0f;
-    float span = d->thick;
-    for (int k = 0; k < 3; ++k) {
-        const float a = fmaxf(lo[k], d->lo[k]);
-        const float b = fminf(hi[k], d->hi[k]);
-        if (a > b) return false;
-        const float out = fmaxf(0.0f, fmaxf(a - pos[k], pos[k] - b));
-        distance2 += out * out;
-        height += n[k] * (0.5f * (a + b) - pos[k]);
-        span += fabsf(n[k]) * 0.5f * (b - a);
-    }
-    return distance2 <= d->reach * d->reach && fabsf(height) <= 1.0001f * span;
-}
-
-/* Bit set of the octants of a cell that a disc touches. */
-static uint32_t octants_of(const struct kl_octree_root *root, const struct cell *cell,
-                           const struct disc *d)
-{
-    float lo[2][3];
-    float hi[2][3];
+    uint32_t bits[8];
     uint32_t mask = 0;
-    for (int k = 0; k < 3; ++k) {
-        for (uint32_t s = 0; s < 2; ++s)
-            cell_interval(root, cell->level + 1, 2 * cell->at[k] + s, k, &lo[s][k], &hi[s][k]);
+    KL_SIMD
+    for (uint32_t o = 0; o < 8; ++o) {
+        float distance2 = 0.0f;
+        float height = 0.0f;
+        float span = d->thick;
+        int meets = 1;
+        for (uint32_t k = 0; k < 3; ++k) {
+            const float a = kl_fmax(o >> k & 1u ? h->lo[1][k] : h->lo[0][k], d->lo[k]);
+            const float b = kl_fmin(o >> k & 1u ? h->hi[1][k] : h->hi[0][k], d->hi[k]);
+            const float out = kl_fmax(0.0f, kl_fmax(a - pos[k], pos[k] - b));
+            distance2 += out * out;
+            height += n[k] * (0.5f * (a + b) - pos[k]);
+            span += fabsf(n[k]) * 0.5f * (b - a);
+            meets &= a <= b;
+        }
+        meets &= (distance2 <= d->reach * d->reach) & (fabsf(height) <= 1.0001f * span);
+        bits[o] = (uint32_t)meets << o;
     }
     for (uint32_t o = 0; o < 8; ++o) {
-        const uint32_t s[3] = {o & 1u, o >> 1 & 1u, o >> 2};
-        const float from[3] = {lo[s[0]][0], lo[s[1]][1], lo[s[2]][2]};
-        const float to[3] = {hi[s[0]][0], hi[s[1]][1], hi[s[2]][2]};
-        if (touches(d, from, to)) mask |= 1u << o;
+        mask |= bits[o];
     }
     return mask;
 }
@@ -229,7 +235,7 @@ static float remoteness(const struct disc *d, const float lo[3], const float hi[
     const float pos[3] = {d->pos.x, d->pos.y, d->pos.z};
     float distance2 = 0.0f;
     for (int k = 0; k < 3; ++k) {
-        const float out = fmaxf(0.0f, fmaxf(lo[k] - pos[k], pos[k] - hi[k]));
+        const float out = kl_fmax(0.0f, kl_fmax(lo[k] - pos[k], pos[k] - hi[k]));
         distance2 += out * out;
     }
     return sqrtf(distance2) / d->reach;
@@ -320,10 +326,11 @@ static uint32_t choose_division(struct builder *b, const struct cell *cell, cons
     struct division octants = {0};
     struct division faces = {0};
     if (list->count <= SHORT_ROW) return NOT_AT_ALL;
+    const struct halves halves = halve(b->root, cell);
     for (size_t i = list->first; i < list->first + list->count; ++i) {
         const struct disc *d = &b->discs[b->items[i]];
         if (allowed & BY_OCTANTS) {
-            b->masks[i] = (uint8_t)octants_of(b->root, cell, d);
+            b->masks[i] = (uint8_t)octants_of(&halves, d);
             count_mask(&octants, b->masks[i]);
         }
         count_mask(&faces, d->faces);
@@ -333,7 +340,7 @@ static uint32_t choose_division(struct builder *b, const struct cell *cell, cons
     const bool is_long = list->count > KL_ROW_MAX;
     const size_t most = (size_t)(is_long ? ITEMS_FORCED : ITEMS_EACH) * b->count + ITEMS_FREE;
     const float least = is_long ? least_forced_gain : least_gain;
-    if (fmaxf(by_octants, by_faces) < (b->row_count < most ? least : free_gain)) {
+    if (kl_fmax(by_octants, by_faces) < (b->row_count < most ? least : free_gain)) {
         return NOT_AT_ALL;
     }
     if (by_octants >= by_faces) return BY_OCTANTS;
