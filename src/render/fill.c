@@ -15,7 +15,7 @@ static const float right_here = 0.9f;  /* weight of a record that close */
 static const float alike = 0.98f;      /* cosine: candidates exclude each other */
 static const float exclusion = 0.5f;   /* of the predicted radius */
 static const float unknown_px = 12.0f; /* predicted radius where nothing is known yet */
-enum { MAX_PASSES = 64, MAX_ROUNDS = 8, FIRST_BATCH = 512, FIRST_RAYS = 1 << 19 };
+enum { MAX_PASSES = 64, MAX_ROUNDS = 8, FIRST_BATCH = 512, FIRST_RAYS = 1 << 20 };
 /* Rays of a batch at most: seconds, so that stopping and progress do not wait for minutes. */
 enum { BATCH_RAYS = 1 << 22 };
 
