@@ -91,6 +91,16 @@ static struct kl_moved moved_between(const struct world *a, const struct world *
     return moved;
 }
 
+/* Object 0 has moved. */
+static struct kl_moved moved_once(void)
+{
+    struct world a;
+    struct world b;
+    world_init(&a);
+    world_move(&b);
+    return moved_between(&a, &b);
+}
+
 static void nothing_moves(void **state)
 {
     struct world w;
@@ -106,12 +116,8 @@ static void nothing_moves(void **state)
 static void one_thing_moves(void **state)
 {
     const float near = 1e-5f;
-    struct world a;
-    struct world b;
+    struct kl_moved m = moved_once();
     (void)state;
-    world_init(&a);
-    world_move(&b);
-    struct kl_moved m = moved_between(&a, &b);
     assert_false(m.all);
     assert_int_equal(m.count, 1);
     assert_int_equal(m.touched[0], 1u << 7);
@@ -132,12 +138,8 @@ static void boxes_are_where_it_was_and_is(void **state)
     const kl_vec3 back = kl_v3(0.0f, 0.0f, -1.0f);
     const kl_vec3 there = kl_v3(0.9f - 10.0f, 0.9f, 2.0f); /* in front of where it was */
     const kl_vec3 here = kl_v3(3.9f - 10.0f, 0.9f, 2.0f);  /* and is */
-    struct world a;
-    struct world b;
+    struct kl_moved m = moved_once();
     (void)state;
-    world_init(&a);
-    world_move(&b);
-    struct kl_moved m = moved_between(&a, &b);
     assert_true(kl_moved_meets(m.was, m.count, KL_NONE, there, back, KL_INF));
     assert_false(kl_moved_meets(m.is, m.count, KL_NONE, there, back, KL_INF));
     assert_true(kl_moved_meets(m.is, m.count, KL_NONE, here, back, KL_INF));
