@@ -163,10 +163,10 @@ KL_FN kl_u32 kl_clearance_code(const KL_GLOBAL kl_record_cold *c, float d2)
     const kl_u32 least = KL_CLEARANCE_LEAST;
     return bits <= least ? 0u : (bits - least < 254u ? bits - least : 254u);
 }
-/* Least distance [m] of a code: from there on a record with it is blocked. */
-KL_FN float kl_clearance_distance(const KL_GLOBAL kl_record_cold *c, kl_u32 code)
+/* Square of the least distance of a code [m^2]: from there on a record with it is blocked. */
+KL_FN float kl_clearance_distance2(const KL_GLOBAL kl_record_cold *c, kl_u32 code)
 {
-    return kl_sqrt(kl_as_f32((code + KL_CLEARANCE_LEAST) << 20) * kl_clearance_unit2(c));
+    return kl_as_f32((code + KL_CLEARANCE_LEAST) << 20) * kl_clearance_unit2(c);
 }
 
 /* Is the horizon blocked between the record and a point in its plane? Uses the distances that the
@@ -174,8 +174,7 @@ KL_FN float kl_clearance_distance(const KL_GLOBAL kl_record_cold *c, kl_u32 code
 KL_FN int kl_is_blocked(const KL_GLOBAL kl_record_cold *c, kl_u32 sector, float d2)
 {
     const kl_u32 code = c->clearance[sector];
-    const float from = kl_as_f32((code + KL_CLEARANCE_LEAST) << 20);
-    return code != 255u && (code == 0u || d2 >= from * kl_clearance_unit2(c));
+    return code != 255u && (code == 0u || d2 >= kl_clearance_distance2(c, code));
 }
 KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, const kl_bearing *b)
 {
