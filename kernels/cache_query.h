@@ -3,6 +3,7 @@
 #ifndef KL_KERNELS_CACHE_QUERY_H
 #define KL_KERNELS_CACHE_QUERY_H
 #include "kernels/cache_data.h"
+#include "kernels/lanes.h"
 #include "kernels/sampling.h"
 
 #define KL_BEHIND_TOLERANCE  0.1f /* of the radius: methods of Ward 1988, relative here */
@@ -148,60 +149,84 @@ KL_FN kl_bearing kl_record_bearing(const KL_GLOBAL kl_record_hot *r, const kl_qu
 #define KL_CLEARANCE_LEAST ((127u - 27u) * 8u) /* a float's upper bits: 2^-27 */
 
 /* Square of what clearances are told in [m^2]. */
-KL_FN float kl_clearance_unit2(const KL_GLOBAL kl_record_cold *c)
+KL_FN float kl_clearance_unit2(kl_u32 error_spacing, float raw_radius)
 {
-    const float spacing = kl_half_to_float(c->error_spacing >> 16); /* may exceed 1 */
-    const float unit = kl_fmax(spacing, 1.0f) * c->raw_radius;
+    const float spacing = kl_half_to_float(error_spacing >> 16); /* may exceed 1 */
+    const float unit = kl_fmax(spacing, 1.0f) * raw_radius;
     return unit * unit;
 }
 
 /* Code of a squared distance [m^2], for comparison: steps of an eighth of an octave or less, from
  * 2^-13 to 5 times the largest radius that the record may be given. 0..254. */
-KL_FN kl_u32 kl_clearance_code(const KL_GLOBAL kl_record_cold *c, float d2)
+KL_FN kl_u32 kl_clearance_code(float unit2, float d2)
 {
-    const kl_u32 bits = kl_as_u32(kl_fmin(d2 / kl_clearance_unit2(c), 1e30f)) >> 20;
+    const kl_u32 bits = kl_as_u32(kl_fmin(d2 / unit2, 1e30f)) >> 20;
     const kl_u32 least = KL_CLEARANCE_LEAST;
     return bits <= least ? 0u : (bits - least < 254u ? bits - least : 254u);
 }
 /* Square of the least distance of a code [m^2]: from there on a record with it is blocked. */
-KL_FN float kl_clearance_distance2(const KL_GLOBAL kl_record_cold *c, kl_u32 code)
+KL_FN float kl_clearance_distance2(float unit2, kl_u32 code)
 {
-    return kl_as_f32((code + KL_CLEARANCE_LEAST) << 20) * kl_clearance_unit2(c);
+    return kl_as_f32((code + KL_CLEARANCE_LEAST) << 20) * unit2;
 }
 
-/* Is the horizon blocked between the record and a point in its plane? Uses the distances that the
- * record's lowest gather rays found, so a thin wall stops the record without any ray. */
-KL_FN int kl_is_blocked(const KL_GLOBAL kl_record_cold *c, kl_u32 sector, float d2)
+/* Is the horizon blocked between the record and a point in its plane at squared distance d2 [m^2]?
+ * Uses the distances that the record's lowest gather rays found, so a thin wall stops the record
+ * without any ray. */
+KL_FN int kl_is_blocked(kl_u32 code, float unit2, float d2)
 {
-    const kl_u32 code = c->clearance[sector];
-    return code != 255u && (code == 0u || d2 >= kl_clearance_distance2(c, code));
+    return (code != 255u) & ((code == 0u) | (d2 >= kl_clearance_distance2(unit2, code)));
 }
 KL_FN int kl_record_is_blocked(const KL_GLOBAL kl_record_cold *c, const kl_bearing *b)
 {
-    return kl_is_blocked(c, b->sector, b->x * b->x + b->y * b->y);
+    const float unit2 = kl_clearance_unit2(c->error_spacing, c->raw_radius);
+    return kl_is_blocked(c->clearance[b->sector], unit2, b->x * b->x + b->y * b->y);
 }
 
-/* What the record says the irradiance is at a bearing: first order in position and normal, as a
- * factor that is kept within bounds. Farther out than the radius that the record asked for (pixels
- * may be larger) its gradient is not followed. */
+/* Halves 2 * i and 2 * i + 1 of a record's gradients. */
+KL_FN kl_u32 kl_gradient_pair(const KL_GLOBAL kl_record_cold *c, int i)
+{
+    return c->grad[2 * i] | (kl_u32)c->grad[2 * i + 1] << 16;
+}
+
+/* What a record with irradiance `irr` in one channel says that it is at a bearing: first order in
+ * position and normal, as a factor that is kept within bounds. Farther out than the radius that the
+ * record asked for (pixels may be larger) its gradient is not followed. */
+KL_FN float kl_extrapolate(float irr, kl_u32 along, kl_u32 turn, float raw_radius,
+                           const kl_bearing *b)
+{
+    const float scale = kl_fmin(1.0f / raw_radius, KL_GRADIENT_REACH * b->inverse);
+    const float g = 1.0f +
+                    (kl_half_to_float(along & 0xffffu) * (b->x * scale) +
+                     kl_half_to_float(along >> 16) * (b->y * scale)) +
+                    (kl_half_to_float(turn & 0xffffu) * b->u + kl_half_to_float(turn >> 16) * b->v);
+    return irr * kl_clamp(g, KL_MIN_EXTRAPOLATION, KL_MAX_EXTRAPOLATION);
+}
 KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_bearing *b)
 {
-    const float scale = kl_fmin(1.0f / c->raw_radius, KL_GRADIENT_REACH * b->inverse);
-    const float x = b->x * scale;
-    const float y = b->y * scale;
-    float grad[12];
     float e[3];
-    KL_SIMD
-    for (int k = 0; k < 12; ++k) {
-        grad[k] = kl_half_to_float(c->grad[k]);
-    }
-    for (int k = 0; k < 3; ++k) {
-        const float g = 1.0f + (grad[2 * k] * x + grad[2 * k + 1] * y) +
-                        (grad[6 + 2 * k] * b->u + grad[7 + 2 * k] * b->v);
-        e[k] = c->irr[k] * kl_clamp(g, KL_MIN_EXTRAPOLATION, KL_MAX_EXTRAPOLATION);
+    for (int i = 0; i < 3; ++i) {
+        e[i] = kl_extrapolate(c->irr[i], kl_gradient_pair(c, i), kl_gradient_pair(c, 3 + i),
+                              c->raw_radius, b);
     }
     return kl_v3(e[0], e[1], e[2]);
 }
+
+/* Words of a record, hot and cold. */
+enum {
+    KL_HOT_POS = 0,
+    KL_HOT_NORMAL = 3,
+    KL_HOT_RADIUS = 4,
+    KL_HOT_RADIUS2 = 5,
+    KL_HOT_FORM = 6,
+    KL_HOT_WORDS = 8,
+    KL_COLD_IRR = 0,
+    KL_COLD_GRAD = 3,
+    KL_COLD_RAW_RADIUS = 9,
+    KL_COLD_ERROR_SPACING = 10,
+    KL_COLD_CLEARANCE = 11,
+    KL_COLD_WORDS = 16,
+};
 
 #define KL_GROUP 8u /* records that are asked together, before looking whether they are enough */
 
@@ -236,32 +261,23 @@ typedef struct kl_lanes {
     kl_u32 sector[KL_LANES];
 } kl_lanes;
 
-/* From `count` records, KL_LANES at most; the other lanes repeat the first. */
-KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, kl_u32 count,
-                          const kl_query *q, kl_vec3 p, kl_vec3 n, kl_vec3 bent, kl_lanes *l)
+KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, const kl_query *q,
+                          kl_vec3 p, kl_vec3 n, kl_vec3 bent, kl_lanes *l)
 {
-    float dx[KL_LANES];
-    float dy[KL_LANES];
-    float dz[KL_LANES];
-    float radius2[KL_LANES];
-    kl_u32 normal[KL_LANES];
-    kl_u32 form[KL_LANES];
-    for (kl_u32 k = 0; k < KL_LANES; ++k) {
-        const KL_GLOBAL kl_record_hot *r = &c->hot[records[k < count ? k : 0u]];
-        dx[k] = p.x - r->pos[0];
-        dy[k] = p.y - r->pos[1];
-        dz[k] = p.z - r->pos[2];
-        l->radius[k] = r->radius;
-        radius2[k] = r->radius2;
-        normal[k] = r->normal;
-        form[k] = r->form;
-    }
+    kl_columns hot;
+    kl_columns_load(c->hot, KL_HOT_WORDS, 0, records, &hot);
     KL_SIMD
     for (kl_u32 k = 0; k < KL_LANES; ++k) {
-        const kl_bearing b = kl_bearing_of(kl_v3(dx[k], dy[k], dz[k]), kl_oct_decode(normal[k]),
-                                           l->radius[k], radius2[k], form[k], q, n, bent);
+        const kl_vec3 d = kl_v3(p.x - kl_as_f32(hot.at[KL_HOT_POS][k]),
+                                p.y - kl_as_f32(hot.at[KL_HOT_POS + 1][k]),
+                                p.z - kl_as_f32(hot.at[KL_HOT_POS + 2][k]));
+        const float radius = kl_as_f32(hot.at[KL_HOT_RADIUS][k]);
+        const kl_bearing b =
+            kl_bearing_of(d, kl_oct_decode(hot.at[KL_HOT_NORMAL][k]), radius,
+                          kl_as_f32(hot.at[KL_HOT_RADIUS2][k]), hot.at[KL_HOT_FORM][k], q, n, bent);
         /* Where a small record serves, a large one that reaches there knows less. */
-        const float fine = c->head.side / l->radius[k];
+        const float fine = c->head.side / radius;
+        l->radius[k] = radius;
         l->share[k] = b.weight * fine * fine;
         l->weight[k] = b.weight;
         l->x[k] = b.x;
@@ -273,22 +289,63 @@ KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, kl_u32 
     }
 }
 
-KL_FN void kl_answer_add(const kl_level_view *c, kl_u32 record, const kl_lanes *l, kl_u32 k,
-                         kl_answer *a)
+/* What KL_LANES records add to an answer: shares times what they say. */
+typedef struct kl_terms {
+    float red[KL_LANES], green[KL_LANES], blue[KL_LANES]; /* irradiance */
+    float error[KL_LANES];                                /* squared */
+    float radius[KL_LANES];
+} kl_terms;
+
+/* The records at their bearings; shares and weights of those that are blocked become 0. */
+KL_FN void kl_lanes_extrapolate(const kl_level_view *c, const kl_u32 *records, kl_lanes *l,
+                                kl_terms *terms)
 {
-    const kl_bearing b = {l->weight[k], l->x[k],       l->y[k],     l->u[k],
-                          l->v[k],      l->inverse[k], l->sector[k]};
-    const KL_GLOBAL kl_record_cold *cold = &c->cold[record];
-    const float share = l->share[k];
-    if (kl_record_is_blocked(cold, &b)) return;
-    const float error = kl_half_to_float(cold->error_spacing & 0xffffu);
-    a->irr = kl_v3_mad(a->irr, share, kl_record_extrapolate(cold, &b));
-    a->error += share * error * error;
-    a->radius += share * l->radius[k];
-    a->weight += b.weight;
-    a->best = kl_fmax(a->best, b.weight);
-    a->shares += share;
-    KL_NOTE_USE(c, record);
+    kl_columns head;
+    kl_columns tail;
+    kl_columns_load(c->cold, KL_COLD_WORDS, 0, records, &head);
+    kl_columns_load(c->cold, KL_COLD_WORDS, 8, records, &tail);
+    KL_SIMD
+    for (kl_u32 k = 0; k < KL_LANES; ++k) {
+        const kl_bearing b = {l->weight[k], l->x[k],       l->y[k],     l->u[k],
+                              l->v[k],      l->inverse[k], l->sector[k]};
+        const float raw_radius = kl_as_f32(tail.at[KL_COLD_RAW_RADIUS - 8][k]);
+        const kl_u32 error_spacing = tail.at[KL_COLD_ERROR_SPACING - 8][k];
+        const float unit2 = kl_clearance_unit2(error_spacing, raw_radius);
+        const kl_u32 codes = b.sector < 4u   ? tail.at[KL_COLD_CLEARANCE - 8][k]
+                             : b.sector < 8u ? tail.at[KL_COLD_CLEARANCE - 7][k]
+                                             : tail.at[KL_COLD_CLEARANCE - 6][k];
+        const kl_u32 code = codes >> 8u * (b.sector & 3u) & 255u;
+        const int blocked = kl_is_blocked(code, unit2, b.x * b.x + b.y * b.y);
+        const float share = blocked ? 0.0f : l->share[k];
+        const float error = kl_half_to_float(error_spacing & 0xffffu);
+        const float red = kl_as_f32(head.at[KL_COLD_IRR][k]);
+        const float green = kl_as_f32(head.at[KL_COLD_IRR + 1][k]);
+        const float blue = kl_as_f32(head.at[KL_COLD_IRR + 2][k]);
+        l->share[k] = share;
+        l->weight[k] = blocked ? 0.0f : b.weight;
+        terms->red[k] = share * kl_extrapolate(red, head.at[KL_COLD_GRAD][k],
+                                               head.at[KL_COLD_GRAD + 3][k], raw_radius, &b);
+        terms->green[k] = share * kl_extrapolate(green, head.at[KL_COLD_GRAD + 1][k],
+                                                 head.at[KL_COLD_GRAD + 4][k], raw_radius, &b);
+        terms->blue[k] = share * kl_extrapolate(blue, head.at[KL_COLD_GRAD + 2][k],
+                                                tail.at[KL_COLD_GRAD + 5 - 8][k], raw_radius, &b);
+        terms->error[k] = share * error * error;
+        terms->radius[k] = share * l->radius[k];
+    }
+}
+
+KL_FN void kl_answer_add(const kl_lanes *l, const kl_terms *terms, kl_u32 count, kl_answer *a)
+{
+    for (kl_u32 k = 0; k < count; ++k) {
+        a->irr.x += terms->red[k];
+        a->irr.y += terms->green[k];
+        a->irr.z += terms->blue[k];
+        a->error += terms->error[k];
+        a->radius += terms->radius[k];
+        a->weight += l->weight[k];
+        a->best = kl_fmax(a->best, l->weight[k]);
+        a->shares += l->share[k];
+    }
 }
 
 /* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
@@ -308,12 +365,18 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     while (at != KL_NONE && a.weight < q->enough) {
         kl_u32 near[KL_GROUP];
         const kl_u32 found = kl_records_near(c, &at, p, q->reach * q->reach, near);
+        for (kl_u32 k = found; k < KL_GROUP; ++k) {
+            near[k] = near[0]; /* lanes that nobody listens to */
+        }
         for (kl_u32 first = 0; first < found; first += KL_LANES) {
             const kl_u32 count = found - first < KL_LANES ? found - first : KL_LANES;
             kl_lanes l;
-            kl_lanes_weigh(c, near + first, count, q, p, n, bent, &l);
+            kl_terms terms;
+            kl_lanes_weigh(c, near + first, q, p, n, bent, &l);
+            kl_lanes_extrapolate(c, near + first, &l, &terms);
+            kl_answer_add(&l, &terms, count, &a);
             for (kl_u32 k = 0; k < count; ++k) {
-                if (l.weight[k] > 0.0f) kl_answer_add(c, near[first + k], &l, k, &a);
+                if (l.weight[k] > 0.0f) KL_NOTE_USE(c, near[first + k]);
             }
         }
     }

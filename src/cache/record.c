@@ -110,10 +110,11 @@ void kl_record_pack(const kl_gather_point *point, const kl_gather_result *result
     memcpy(cold->touched, result->touched, sizeof cold->touched);
     cold->error_spacing = kl_float_to_half(fminf(result->error, 100.0f)) |
                           kl_float_to_half(fminf(spacing / axes.minor, 60000.0f)) << 16;
+    const float unit2 = kl_clearance_unit2(cold->error_spacing, cold->raw_radius);
     for (int k = 0; k < KL_SECTORS; ++k) {
         const float open = result->clearance[k];
         cold->clearance[k] =
-            open < KL_INF ? (kl_u8)kl_clearance_code(cold, 0.96f * open * open) : (kl_u8)255u;
+            open < KL_INF ? (kl_u8)kl_clearance_code(unit2, 0.96f * open * open) : (kl_u8)255u;
     }
 }
 

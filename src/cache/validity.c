@@ -18,7 +18,8 @@ static float extent_along(const kl_record_hot *r, const kl_record_cold *cold, fl
     const float major = (y * axis.x - x * axis.y) / r->radius2;
     const float radius = reach / sqrtf(minor * minor + major * major);
     const kl_u32 code = cold->clearance[kl_sector_of(x, y)];
-    return code == 255u ? radius : kl_fmin(radius, sqrtf(kl_clearance_distance2(cold, code)));
+    const float unit2 = kl_clearance_unit2(cold->error_spacing, cold->raw_radius);
+    return code == 255u ? radius : kl_fmin(radius, sqrtf(kl_clearance_distance2(unit2, code)));
 }
 
 static bool serves(const kl_level_view *level, uint32_t number, kl_vec3 p, kl_vec3 n, float reach)

@@ -100,9 +100,11 @@ static void clearance_is_conservative(void **state)
         const float reach = 1.4f * hot.radius;
         if (wall > reach) continue;
         const kl_u32 sector = kl_sector_of(x, y);
-        if (!kl_is_blocked(&cold, sector, 1.02f * wall * wall)) ++missed;
+        const float unit2 = kl_clearance_unit2(cold.error_spacing, cold.raw_radius);
+        const kl_u32 code = cold.clearance[sector];
+        if (!kl_is_blocked(code, unit2, 1.02f * wall * wall)) ++missed;
         const float near = 0.9f * wall; /* in front of it */
-        assert_false(kl_is_blocked(&cold, sector, near * near));
+        assert_false(kl_is_blocked(code, unit2, near * near));
     }
     if (missed > 0) fail_msg("%d walls within reach are not seen", missed);
 }

@@ -49,10 +49,11 @@ static void make_records(struct world *w, float least, float most, bool walls, u
                                     .form = (kl_u32)random_bits(&r) & 0xfffu,
                                     .object = KL_NONE};
         w->cold[i] = (kl_record_cold){.irr = {1.0f, 1.0f, 1.0f}, .raw_radius = 1.0f};
+        const float unit2 = kl_clearance_unit2(w->cold[i].error_spacing, w->cold[i].raw_radius);
         for (int k = 0; k < KL_SECTORS; ++k) {
             const float wall = radius * random_range(&r, 0.2f, 4.0f);
             w->cold[i].clearance[k] =
-                walls ? (kl_u8)kl_clearance_code(&w->cold[i], wall * wall) : (kl_u8)255;
+                walls ? (kl_u8)kl_clearance_code(unit2, wall * wall) : (kl_u8)255;
         }
     }
 }
