@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { TILE = 16 };
+enum { TILE = 16, SHARED_BITS = 6 };
 
 /* Values of one pixel, in the order of `layers`. */
 enum value {
@@ -217,23 +217,47 @@ static float sample_time(const struct kl_frame_job *job, uint32_t i, uint32_t se
     return kl_mix(job->times[b.step], job->times[b.step + 1], b.share);
 }
 
+static uint32_t spread_bits(uint32_t x)
+{
+    uint32_t out = 0;
+    for (uint32_t k = 0; k < SHARED_BITS; ++k) {
+        out |= (x >> k & 1u) << 2 * k;
+    }
+    return out;
+}
+
+/* Sample 0 of a pixel. Its samples are a stretch of one sequence that a square of pixels shares
+ * along a Z-curve: what neighbours get wrong cancels where the eye, or a filter, takes them
+ * together. A. Ahmed and P. Wonka, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error
+ * via Hierarchical Ordering of Pixels", SIGGRAPH Asia 2020. */
+static kl_sampler first_sample(const struct kl_frame_job *job, uint32_t x, uint32_t y)
+{
+    const uint32_t mask = (1u << SHARED_BITS) - 1u;
+    const uint32_t place = spread_bits(x & mask) | spread_bits(y & mask) << 1;
+    const uint32_t square = kl_hash2(x >> SHARED_BITS, y >> SHARED_BITS);
+    uint32_t stride = 1;
+    while (stride < job->spp && stride < 1u << (32 - 2 * SHARED_BITS)) {
+        stride *= 2;
+    }
+    return kl_sampler_make(place * stride, kl_hash2(kl_hash2(job->seed, square), 0x51ed27u));
+}
+
 static uint32_t render_pixel(const struct kl_frame_job *job, uint32_t x, uint32_t y,
                              float values[VALUES], struct kl_counts *counts, uint64_t *bad)
 {
-    const uint32_t pixel = y * job->camera.width + x;
-    const uint32_t seed = kl_hash2(kl_hash2(job->seed, pixel), 0x51ed27u);
+    const kl_sampler first = first_sample(job, x, y);
     const float pixel_size = kl_camera_pixel_size(&job->camera, 1.0f);
     const bool blurred = is_blurred(job);
     struct kl_reuse reuse = {0};
 
     memset(values, 0, VALUES * sizeof *values);
     for (uint32_t i = 0; i < job->spp; ++i) {
-        kl_sampler sampler = kl_sampler_make(i, seed);
+        kl_sampler sampler = kl_sampler_make(first.index + i, first.seed);
         const kl_vec2 u = kl_sampler_2d(&sampler);
         struct kl_camera moved;
         const struct kl_camera *camera = &job->camera;
         if (blurred) {
-            const float time = sample_time(job, i, seed);
+            const float time = sample_time(job, sampler.index, sampler.seed);
             moved = job->camera;
             if (job->camera_count > 1) {
                 moved = kl_camera_at(job->cameras, job->camera_count, time);
