@@ -134,27 +134,33 @@ static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_
     return kl_v3_scale(kl_v3(cell.radiance[0], cell.radiance[1], cell.radiance[2]), KL_PI);
 }
 
-/* An answer for a hit within a pixel's footprint on the surface, normals alike; NULL: none. */
+/* The nearest answer for a hit within half a pixel's footprint on the surface, normals alike; NULL:
+ * none. */
 static const kl_answer *find_reusable(const struct kl_reuse *reuse, const kl_surface *s,
                                       float footprint)
 {
-    for (int k = 0; k < 2; ++k) {
+    const float reach = 0.5f * footprint;
+    const kl_answer *nearest = NULL;
+    float least = reach * reach;
+
+    for (int k = 0; k < KL_REUSED; ++k) {
         const struct kl_reuse_entry *r = &reuse->entries[k];
         if (!r->valid || r->object != s->object) continue;
         const kl_vec3 d = kl_v3_sub(s->pos, r->pos);
-        if (kl_dot(d, d) < footprint * footprint && kl_dot(r->smooth, s->smooth) > 0.95f &&
+        if (kl_dot(d, d) < least && kl_dot(r->smooth, s->smooth) > 0.95f &&
             kl_dot(r->bent, s->shading) > 0.98f) {
-            return &r->answer;
+            least = kl_dot(d, d);
+            nearest = &r->answer;
         }
     }
-    return NULL;
+    return nearest;
 }
 
 static void remember(struct kl_reuse *reuse, const kl_surface *s, const kl_answer *answer)
 {
     reuse->entries[reuse->next] =
         (struct kl_reuse_entry){true, s->pos, s->smooth, s->shading, s->object, *answer};
-    reuse->next ^= 1u;
+    reuse->next = (reuse->next + 1u) % KL_REUSED;
 }
 
 /* What one cache knows of a surface point: the records seen from the camera, then (after a bounce)

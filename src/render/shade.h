@@ -39,15 +39,17 @@ struct kl_shade_context {
 
 /* The last queries of a pixel that went to the records (Krivanek, SIGGRAPH 2008 course): samples
  * that hit close by take their answer. Compared with queries that were evaluated, not with the last
- * that reused one, so nothing drifts. Two, as an edge may run through the pixel. Points and normals
- * are those of the frame's reference instant. */
+ * that reused one, so nothing drifts. Some for each half of a pixel: where one sample spoke for
+ * all, steep irradiance flickered with the place of that sample. Points and normals are those of
+ * the frame's reference instant. */
+enum { KL_REUSED = 4 };
 struct kl_reuse {
     struct kl_reuse_entry {
         bool valid;
         kl_vec3 pos, smooth, bent;
         uint32_t object;
         kl_answer answer;
-    } entries[2];
+    } entries[KL_REUSED];
     uint32_t next; /* entry to replace */
 };
 
