@@ -45,6 +45,12 @@ class Glb:
         self.j["accessors"].append(acc)
         return len(self.j["accessors"]) - 1
 
+    def rows(self, accessor):
+        """What a VEC3 accessor holds."""
+        a = self.j["accessors"][accessor]
+        at = self.j["bufferViews"][a["bufferView"]]["byteOffset"]
+        return [struct.unpack_from("<3f", self.bin, at + 12 * i) for i in range(a["count"])]
+
     def material(self, name, albedo, emission=None, double_sided=False, roughness=1.0, metallic=0.0, lambert=True):
         m = {"name": name, "doubleSided": double_sided, "extensions": {},
              "pbrMetallicRoughness": {"baseColorFactor": list(albedo) + [1.0], "metallicFactor": metallic,
@@ -73,6 +79,14 @@ class Glb:
                           "material": mat, "mode": 4})
         self.j["meshes"].append({"name": name, "primitives": prims})
         return len(self.j["meshes"]) - 1
+
+    def morph(self, mesh, shape):
+        """Give a mesh of one part a target. shape: the part with other positions and normals."""
+        part = self.j["meshes"][mesh]["primitives"][0]
+        own = lambda name: self.rows(part["attributes"][name])
+        shift = lambda name, to: self.accessor(5126, "VEC3", [sub(b, a) for a, b in zip(own(name), to)], None, True)
+        part["targets"] = [{"POSITION": shift("POSITION", shape[0]), "NORMAL": shift("NORMAL", shape[1])}]
+        self.j["meshes"][mesh]["weights"] = [0.0]
 
     def node(self, name, root=True, **kw):
         self.j["nodes"].append(dict({"name": name}, **kw))
@@ -270,6 +284,25 @@ def changing_rooms(path):
                            [0.0, 0.25], [[0.5, 0.5, 0.5, 1.0], [0.5, 0.25, 0.125, 1.0]], "LINEAR")])
     g.write(path)
 
+def reed(path):
+    """A closed room, lit by a panel, in which nothing moves but a reed: a morph target bends it over and back."""
+    g = Glb()
+    w, clay = g.material("white", (0.7, 0.7, 0.7)), g.material("clay", (0.5, 0.5, 0.5))
+    glow = g.material("panel", (0, 0, 0), (16.0, 16.0, 16.0))
+    g.node("room", mesh=g.mesh("room", [(w, *quads(box((-1.5, 0, -1.5), (1.5, 2.5, 1.5), True)))]))
+    g.node("panel", mesh=g.mesh("panel", lamp(g, glow, [[(-0.3,2.48,-0.3),(0.3,2.48,-0.3),(0.3,2.48,0.3),(-0.3,2.48,0.3)]])))
+    r, h, n = 0.12, 1.4, 8
+    faces = [[(x0, h * i / n, z0), (x1, h * i / n, z1), (x1, h * (i + 1) / n, z1), (x0, h * (i + 1) / n, z0)] for i in range(n)
+             for x0, z0, x1, z1 in ((-r, r, r, r), (r, r, r, -r), (r, -r, -r, -r), (-r, -r, -r, r))]
+    faces.append([(-r, h, r), (r, h, r), (r, h, -r), (-r, h, -r)])
+    bent = [[(x + 0.5 * (y / h) ** 2, y - 0.15 * (y / h) ** 2, z) for x, y, z in f] for f in faces]
+    reed = g.mesh("reed", [(clay, *quads(faces))])
+    g.morph(reed, quads(bent))
+    node = g.node("reed", mesh=reed, translation=[-0.3, 0.0, -0.4])
+    g.camera("camera", math.radians(75), 1.0, translation=[1.3, 1.4, 1.3], rotation=look_at((1.3,1.4,1.3), (-0.5,0.8,-0.8)))
+    g.animation("bend", [(node, "weights", [0.5, 0.75, 1.0], [0.0, 1.0, 0.0], "LINEAR")])
+    g.write(path)
+
 def gallery(path, columns=14, ring=20):
     """A long two-bay gallery: columns, arches of blocks, plinths with spheres, coloured hangings, lit by ceiling panels and
     a bright opening at one end. No textures. A camera flies through it in 120 frames at 24/s."""
@@ -465,6 +498,7 @@ SCENES = {
     "two-rooms.glb": two_rooms,
     "two-rooms-thin.glb": lambda p: two_rooms(p, 1e-5),
     "changing-rooms.glb": changing_rooms,
+    "reed.glb": reed,
     "gallery.glb": gallery,
     "exhibition.glb": exhibition,
     "still-life.glb": still_life,
