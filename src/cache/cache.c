@@ -96,12 +96,12 @@ static void serve_owned(struct level *l, uint32_t count)
 static kl_status build_octree(struct kl_cache *c, uint32_t number, struct kl_err *err)
 {
     struct level *l = &c->levels[number];
-    const uint32_t n = l->part.record_count;
     const struct kl_octree_limits limits = {c->settings.reach[number], c->settings.cos_max};
     kl_octree_fini(&l->octree);
-    kl_status st = kl_octree_build(&c->root, l->hot, n, &limits, &l->octree, err);
+    kl_status st =
+        kl_octree_build(&c->root, l->hot, l->part.record_count, &limits, &l->octree, err);
     l->octree.head.accuracy = c->settings.accuracy[number];
-    serve_owned(l, n);
+    serve_owned(l, l->part.record_count);
     return st;
 }
 
@@ -178,8 +178,7 @@ kl_status kl_cache_adopt(struct kl_cache *cache, uint32_t level, const struct kl
     if (part->record_count == 0) return KL_OK;
     if (octree_fits(cache, level, &part->octree, part->record_count)) return KL_OK;
     kl_status st = own_level(l, 0, err);
-    if (st == KL_OK) st = index_level(cache, level, err);
-    return st;
+    return st == KL_OK ? index_level(cache, level, err) : st;
 }
 
 /* What makes a record itself, within a level. */
@@ -378,9 +377,14 @@ float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, cons
     return slope * kl_falloff_at(l->falloff, pos, otherwise / slope);
 }
 
-float kl_cache_get_accuracy(const struct kl_cache *cache, uint32_t level)
+void kl_cache_set_light(struct kl_cache *cache, uint32_t level, uint32_t i, const float irr[3])
 {
-    return cache->settings.accuracy[level];
+    memcpy(cache->levels[level].cold[i].irr, irr, sizeof cache->levels[level].cold[i].irr);
+}
+
+const struct kl_cache_settings *kl_cache_get_settings(const struct kl_cache *cache)
+{
+    return &cache->settings;
 }
 
 kl_status kl_cache_set_accuracy(struct kl_cache *cache, uint32_t level, float accuracy,

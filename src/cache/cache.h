@@ -48,7 +48,12 @@ kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level);
 struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_t level);
 uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level);
 
-float kl_cache_get_accuracy(const struct kl_cache *cache, uint32_t level);
+/* Another irradiance for record i of a level that has grown since it was adopted. All else stays,
+ * its relative gradients too. */
+void kl_cache_set_light(struct kl_cache *cache, uint32_t level, uint32_t i, const float irr[3]);
+
+/* Those that the cache was made with, the accuracies as they are now; borrowed. */
+const struct kl_cache_settings *kl_cache_get_settings(const struct kl_cache *cache);
 /* Another accuracy: all radii of the level are made anew, no irradiance changes. */
 kl_status kl_cache_set_accuracy(struct kl_cache *cache, uint32_t level, float accuracy,
                                 struct kl_err *err) KL_MUST_CHECK;

@@ -25,7 +25,8 @@ static bool is_covered(const struct kl_fill_job *job, uint32_t level, const kl_l
                        const struct kl_point *p)
 {
     const kl_answer a = kl_cache_query(view, &job->query, p->pos, p->smooth, p->smooth);
-    const float most = kl_cache_get_accuracy(job->cache, level) * KL_RAW_OVER_HARMONIC * p->near;
+    const float most =
+        kl_cache_get_settings(job->cache)->accuracy[level] * KL_RAW_OVER_HARMONIC * p->near;
     return a.weight >= job->least_weight && (a.best >= right_here || a.radius <= most);
 }
 

@@ -2,7 +2,6 @@
 
 #include "src/base/clock.h"
 #include "src/base/memory.h"
-#include "src/cache/thin.h"
 #include "src/render/fill_points.h"
 #include "src/render/ledger_impl.h"
 
@@ -13,8 +12,6 @@
 
 enum { FIRST_SLOTS = 4096, BATCH = 1024 };
 static const size_t most_rays = (size_t)1 << 25; /* 1 GiB; records beyond are placed anew */
-static const float crowd = 0.7f;  /* of its radius: records this near are not needed */
-static const float alike = 0.98f; /* cosine between their normals */
 static const float beside = 0.1f; /* of the image: records so far outside may still serve */
 
 struct kl_ledger {
@@ -93,6 +90,7 @@ static kl_status note(struct kl_ledger *l, const struct kl_gather_job *job, size
     struct kl_ledger_entry e = {.point = job->points[i],
                                 .side = job->results[i].side,
                                 .cells = cells,
+                                .age = 1,
                                 .by_paths = job->level1->head.record_count == 0};
     const size_t rays = (size_t)e.side * e.side;
     const kl_status st = kl_alloc_array(&e.waits, rays, sizeof *e.waits, err);
@@ -171,8 +169,9 @@ static kl_status make_index(const struct kl_ledger *l, uint32_t **out, size_t *s
 /* Give a record of the cache to its entry, if there is one. Both levels may have a record in one
  * place: then either entry does for either. */
 static void give(struct kl_ledger *l, const uint32_t *index, size_t slots, uint32_t level,
-                 const kl_record_hot *hot, const kl_record_cold *cold)
+                 uint32_t record, const struct kl_level_arrays *in)
 {
+    const kl_record_hot *hot = &in->hot[record];
     size_t at = slot_of(hot->pos, hot->normal, slots);
     for (; index[at] != 0; at = (at + 1) & (slots - 1)) {
         struct kl_ledger_entry *e = &l->entries[index[at] - 1];
@@ -182,38 +181,14 @@ static void give(struct kl_ledger *l, const uint32_t *index, size_t slots, uint3
         }
         e->kept = true;
         e->level = level;
+        e->record = record;
         e->hot = *hot;
-        e->cold = *cold;
+        if (!e->faded) e->cold = in->cold[record];
         return;
     }
 }
 
-/* Records that were placed close together because something was near, and that could now be far
- * apart, give way to the oldest of them. */
-static kl_status thin_level(struct kl_ledger *l, uint32_t level, struct kl_err *err)
-{
-    struct kl_candidate *c = NULL;
-    size_t n = 0;
-    size_t left = 0;
-    kl_status st = kl_alloc_array(&c, l->count, sizeof *c, err);
-
-    for (size_t i = 0; st == KL_OK && i < l->count; ++i) {
-        struct kl_ledger_entry *e = &l->entries[i];
-        if (e->level != level || !e->kept) continue;
-        const kl_vec3 normal = kl_oct_decode(e->point.normal);
-        c[n++] = (struct kl_candidate){kl_v3_load(e->point.pos), normal,     normal, 0.0f,
-                                       crowd * e->hot.radius,    (uint32_t)i};
-        e->kept = e->shot == 0;
-    }
-    if (st == KL_OK) st = kl_thin(c, n, alike, n, &left, err);
-    for (size_t i = 0; st == KL_OK && i < left; ++i) {
-        l->entries[c[i].rank].kept = true;
-    }
-    free(c);
-    return st;
-}
-
-kl_status kl_ledger_close(struct kl_ledger *ledger, const struct kl_cache *cache,
+kl_status kl_ledger_close(struct kl_ledger *ledger, struct kl_cache *cache,
                           const kl_scene_view *scene, struct kl_stand *stand, double time,
                           struct kl_err *err)
 {
@@ -230,7 +205,7 @@ kl_status kl_ledger_close(struct kl_ledger *ledger, const struct kl_cache *cache
     for (uint32_t level = 0; st == KL_OK && level < KL_CACHE_LEVELS; ++level) {
         const struct kl_level_arrays in = kl_cache_get_arrays(cache, level);
         for (uint32_t i = 0; i < in.record_count; ++i) {
-            give(l, index, slots, level, &in.hot[i], &in.cold[i]);
+            give(l, index, slots, level, i, &in);
         }
     }
     free(index);
@@ -240,9 +215,8 @@ kl_status kl_ledger_close(struct kl_ledger *ledger, const struct kl_cache *cache
         struct kl_ledger_entry *e = &l->entries[i];
         e->kept = e->kept && find_object(scene, &e->hot, &e->object);
     }
-    for (uint32_t level = 0; st == KL_OK && level < KL_CACHE_LEVELS; ++level) {
-        st = thin_level(l, level, err);
-    }
+    st = kl_ledger_fade(l->entries, l->count, cache, err);
+    if (st == KL_OK) st = kl_ledger_thin(l->entries, l->count, err);
     sift(l, stays_if_kept);
     return st;
 }
@@ -328,10 +302,8 @@ static bool is_stopped(const struct kl_ledger *l, enum pass pass, size_t done,
 static kl_status refresh_some(struct kl_ledger *l, enum pass pass,
                               const struct kl_ledger_refresh *refresh, struct kl_err *err)
 {
-    const size_t cells = (size_t)2 * KL_LEDGER_SIDE * KL_LEDGER_SIDE;
-    kl_gather_cell *scratch = NULL;
-    kl_status st =
-        kl_alloc_array(&scratch, cells * (size_t)omp_get_max_threads(), sizeof *scratch, err);
+    struct kl_ledger_scratch *scratch = NULL;
+    kl_status st = kl_alloc_array(&scratch, (size_t)omp_get_max_threads(), sizeof *scratch, err);
 
     for (size_t first = 0; st == KL_OK && first < l->count; first += BATCH) {
         const size_t end = first + BATCH < l->count ? first + BATCH : l->count;
@@ -342,7 +314,7 @@ static kl_status refresh_some(struct kl_ledger *l, enum pass pass,
             kl_ledger_move_entry(refresh, e);
             e->dropped = e->dropped || (pass == VIEW && !is_seen(refresh->job, &e->point));
             if (e->dropped) continue;
-            kl_ledger_refresh_entry(refresh, e, scratch + cells * (size_t)omp_get_thread_num());
+            kl_ledger_refresh_entry(refresh, e, &scratch[omp_get_thread_num()]);
         }
         if (is_stopped(l, pass, end, refresh->job)) {
             st = kl_fail(err, KL_ERR_INTERRUPTED, "interrupted");

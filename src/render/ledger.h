@@ -15,10 +15,11 @@ void kl_ledger_clear(struct kl_ledger *ledger);
 /* A kl_gather_fn; context: struct kl_ledger. Gathers on the host and notes what rays met. */
 kl_status kl_ledger_gather(void *context, const struct kl_gather_job *job, struct kl_err *err);
 
-/* The cache of the instant `time` is complete: keep what was noted of its records, forget the rest.
+/* The cache of the instant `time` is complete: keep what was noted of its records, forget the rest,
+ * and let new records show by degrees (kl_ledger_fade).
  * `scene`: with its tracer. `stand` is the ledger's from now on, also after a failure; NULL: it is
  * of this instant already. */
-kl_status kl_ledger_close(struct kl_ledger *ledger, const struct kl_cache *cache,
+kl_status kl_ledger_close(struct kl_ledger *ledger, struct kl_cache *cache,
                           const kl_scene_view *scene, struct kl_stand *stand, double time,
                           struct kl_err *err) KL_MUST_CHECK;
 

@@ -32,9 +32,13 @@ struct kl_ledger_entry {
     uint32_t object; /* that it lies on */
     kl_record_hot hot;
     kl_record_cold cold;
-    bool by_paths; /* its rays went on until they met no more light, for want of records */
-    bool kept;     /* it belongs to a record of the cache */
-    bool dropped;  /* its place is gone */
+    bool by_paths;   /* its rays went on until they met no more light, for want of records */
+    bool kept;       /* it belongs to a record of the cache */
+    bool dropped;    /* its place is gone */
+    uint32_t record; /* of the cache, if kept */
+    uint32_t age;    /* frames that it has been shown, up to KL_LEDGER_FADE: in full */
+    bool leaves;     /* others do without it: its age goes down, and then it is dropped */
+    bool faded;      /* the cache has other light than `cold` */
     /* By the last refresh: */
     float step;    /* [m] that it moved; KL_INF: it turned so far that its rays say nothing */
     uint32_t shot; /* rays */
@@ -61,7 +65,14 @@ struct kl_ledger_refresh {
     uint32_t turn; /* number of the refresh: whose turn it is */
 };
 
-enum { KL_LEDGER_SIDE = 256 }; /* of a record's rays at most */
+enum { KL_LEDGER_SIDE = 256, KL_LEDGER_CELLS = KL_LEDGER_SIDE * KL_LEDGER_SIDE }; /* rays at most */
+enum { KL_LEDGER_FADE = 4 }; /* frames in which a record comes or goes */
+
+/* Room for the rays of one record: a thread's own. */
+struct kl_ledger_scratch {
+    kl_gather_cell cells[KL_LEDGER_CELLS], reduced[KL_LEDGER_CELLS];
+    uint8_t kinds[KL_LEDGER_CELLS];
+};
 
 /* `touch`: relative change from which on records tell others. `radius`: of the scene [m]. */
 void kl_ledger_stir(const struct kl_ledger_entry *entries, size_t count,
@@ -72,8 +83,18 @@ float kl_ledger_stir_at(const struct kl_ledger_stir *stir, kl_vec3 at);
 
 /* Take a record along with what it lies on; it is dropped where its place is gone. */
 void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry);
-/* Bring a record that was moved and not dropped up to date. `scratch`: 2 KL_LEDGER_SIDE^2 cells. */
+/* Bring a record that was moved and not dropped up to date. */
 void kl_ledger_refresh_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry,
-                             kl_gather_cell *scratch);
+                             struct kl_ledger_scratch *scratch);
+
+/* Records that were placed close together because something was near, and that could now be far
+ * apart, give way to the oldest of them: at once in level 1, else they leave. */
+kl_status kl_ledger_thin(struct kl_ledger_entry *entries, size_t count,
+                         struct kl_err *err) KL_MUST_CHECK;
+
+/* Let records of level 0 come and go by degrees: where others know the light of a place, the cache
+ * gets a mean of what they and the record say. Entries keep their own light. */
+kl_status kl_ledger_fade(struct kl_ledger_entry *entries, size_t count, struct kl_cache *cache,
+                         struct kl_err *err) KL_MUST_CHECK;
 
 #endif

@@ -114,6 +114,12 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
 
     e->step = 0.0f;
     e->shot = 0;
+    e->faded = false;
+    if (e->leaves) {
+        --e->age;
+    } else if (e->age < KL_LEDGER_FADE) {
+        ++e->age;
+    }
     e->hasty = e->change >= quick;
     e->change = 0.0f;
     e->added = 0.0f;
@@ -130,7 +136,7 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
         if (kl_dot(normal, kl_oct_decode(e->point.normal)) < turned) e->step = KL_INF;
     }
     e->dropped =
-        object->deformed ||
+        e->age == 0 || object->deformed ||
         kl_moved_meets(m->is, m->count, object->moved ? e->object : KL_NONE, pos, normal, 0.0f);
 }
 
@@ -260,39 +266,35 @@ static double sum_up(const kl_gather_cell *cells, uint32_t n, float irr[3])
 
 /* The record from its rays: only its light where that has changed little. */
 static void reduce(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
-                   const struct kl_gather_tables *tables, const kl_gather_cell *cells,
-                   kl_gather_cell *scratch)
+                   const struct kl_gather_tables *tables, struct kl_ledger_scratch *scratch)
 {
     const float spacing = kl_half_to_float(e->cold.error_spacing >> 16) * e->cold.raw_radius;
     const kl_grid_view grid = kl_gather_tables_grid(tables);
     kl_gather_result result;
 
-    kl_reduce_touched(cells, e->side * e->side, r->job->gather.touch, &result);
+    kl_reduce_touched(scratch->cells, e->side * e->side, r->job->gather.touch, &result);
     if (e->change < slight) {
         memcpy(e->cold.touched, result.touched, sizeof e->cold.touched);
         return;
     }
-    kl_reduce_record(cells, kl_gather_directions(tables, e->point.seed), &grid, &e->point, scratch,
-                     &result);
+    kl_reduce_record(scratch->cells, kl_gather_directions(tables, e->point.seed), &grid, &e->point,
+                     scratch->reduced, &result);
     kl_record_pack(&e->point, &result, e->level, spacing, &r->job->radius, &e->hot, &e->cold);
 }
 
 void kl_ledger_refresh_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry,
-                             kl_gather_cell *scratch)
+                             struct kl_ledger_scratch *scratch)
 {
     const struct kl_gather_tables *tables = find_tables(refresh->job, entry->side);
-    const uint32_t n = entry->side * entry->side;
-    kl_gather_cell *cells = scratch + n;
-    struct stratum strata[KL_RAY_KINDS];
-    uint8_t kinds[KL_LEDGER_SIDE * KL_LEDGER_SIDE];
-
     const double before = (double)kl_luminance(kl_v3_load(entry->cold.irr));
+    struct stratum strata[KL_RAY_KINDS];
+
     memset(strata, 0, sizeof strata);
-    shoot(refresh, entry, tables, kinds, strata);
+    shoot(refresh, entry, tables, scratch->kinds, strata);
     if (entry->shot == 0) return;
-    drift(entry, kinds, strata, cells);
-    const double after = sum_up(cells, n, entry->cold.irr);
+    drift(entry, scratch->kinds, strata, scratch->cells);
+    const double after = sum_up(scratch->cells, entry->side * entry->side, entry->cold.irr);
     entry->added = (float)(after - before);
     if (after != before) entry->change = before > 0.0 ? (float)fabs(after / before - 1.0) : 1.0f;
-    reduce(refresh, entry, tables, cells, scratch);
+    reduce(refresh, entry, tables, scratch);
 }
