@@ -126,13 +126,12 @@ static kl_status clamp_by_validity(struct kl_cache *c, uint32_t number, struct k
 static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err *err)
 {
     struct level *l = &c->levels[number];
-    const uint32_t n = l->part.record_count;
     const struct kl_radius_settings settings = radius_settings(c, number);
     const float slope = kl_record_slope(&settings);
     kl_status st = make_falloff(c, number, l, err);
     if (st != KL_OK) return st;
 #pragma omp parallel for schedule(static, 256)
-    for (uint32_t i = 0; i < n; ++i) {
+    for (uint32_t i = 0; i < l->part.record_count; ++i) {
         const float wish = kl_record_wish(&l->hot[i], &l->cold[i], &settings);
         const float clamped = slope * kl_falloff_at(l->falloff, l->hot[i].pos, wish / slope);
         kl_record_set_radii(&l->hot[i], &l->cold[i], clamped, &settings);
@@ -379,7 +378,8 @@ float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, cons
 
 void kl_cache_set_light(struct kl_cache *cache, uint32_t level, uint32_t i, const float irr[3])
 {
-    memcpy(cache->levels[level].cold[i].irr, irr, sizeof cache->levels[level].cold[i].irr);
+    struct level *l = &cache->levels[level];
+    if (l->owned) memcpy(l->cold[i].irr, irr, sizeof l->cold[i].irr);
 }
 
 const struct kl_cache_settings *kl_cache_get_settings(const struct kl_cache *cache)

@@ -48,8 +48,8 @@ kl_level_view kl_cache_view(const struct kl_cache *cache, uint32_t level);
 struct kl_level_arrays kl_cache_get_arrays(const struct kl_cache *cache, uint32_t level);
 uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level);
 
-/* Another irradiance for record i of a level that has grown since it was adopted. All else stays,
- * its relative gradients too. */
+/* Another irradiance for record i; all else stays, its relative gradients too. Without effect on a
+ * level that has not grown since it was adopted: it is another's. */
 void kl_cache_set_light(struct kl_cache *cache, uint32_t level, uint32_t i, const float irr[3]);
 
 /* Those that the cache was made with, the accuracies as they are now; borrowed. */

@@ -90,7 +90,7 @@ static kl_status note(struct kl_ledger *l, const struct kl_gather_job *job, size
     struct kl_ledger_entry e = {.point = job->points[i],
                                 .side = job->results[i].side,
                                 .cells = cells,
-                                .age = 1,
+                                .age_frames = 1,
                                 .by_paths = job->level1->head.record_count == 0};
     const size_t rays = (size_t)e.side * e.side;
     const kl_status st = kl_alloc_array(&e.waits, rays, sizeof *e.waits, err);

@@ -12,7 +12,15 @@ static bool is_shown(const struct kl_ledger_entry *e)
 }
 static bool is_settled(const struct kl_ledger_entry *e)
 {
-    return is_shown(e) && !e->leaves && e->age >= KL_LEDGER_FADE;
+    return is_shown(e) && !e->leaves && e->age_frames >= KL_LEDGER_FADE;
+}
+
+static bool does_any_fade(const struct kl_ledger_entry *entries, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        if (is_shown(&entries[i]) && !is_settled(&entries[i])) return true;
+    }
+    return false;
 }
 
 /* A cache of the records of level 0 that neither come nor go: what it would be without the others.
@@ -39,9 +47,9 @@ static kl_status settle(const struct kl_ledger_entry *entries, size_t count,
     return st;
 }
 
-static float share_of(uint32_t age)
+static float share_of(uint32_t age_frames)
 {
-    const float t = (float)age / KL_LEDGER_FADE;
+    const float t = (float)age_frames / KL_LEDGER_FADE;
     return t * t * (3.0f - 2.0f * t);
 }
 
@@ -53,11 +61,10 @@ static void fade(struct kl_ledger_entry *e, const kl_level_view *others, const k
     const kl_answer a = kl_cache_query(others, query, kl_v3_load(e->point.pos), normal, normal);
 
     if (!(a.weight > 0.0f)) {
-        e->age = KL_LEDGER_FADE;
+        e->age_frames = KL_LEDGER_FADE;
         e->leaves = false;
-        return;
     }
-    const kl_vec3 irr = kl_mix3(a.irr, kl_v3_load(e->cold.irr), share_of(e->age));
+    const kl_vec3 irr = kl_mix3(a.irr, kl_v3_load(e->cold.irr), share_of(e->age_frames));
     const float values[3] = {irr.x, irr.y, irr.z};
     kl_cache_set_light(cache, 0, e->record, values);
     e->faded = true;
@@ -71,6 +78,7 @@ kl_status kl_ledger_fade(struct kl_ledger_entry *entries, size_t count, struct k
     struct kl_cache *others = NULL;
     kl_level_view view = {0};
 
+    if (!does_any_fade(entries, count)) return KL_OK;
     kl_status st = settle(entries, count, settings, &others, err);
     if (st == KL_OK && others != NULL) view = kl_cache_view(others, 0);
 #pragma omp parallel for schedule(dynamic, 64)

@@ -32,13 +32,13 @@ struct kl_ledger_entry {
     uint32_t object; /* that it lies on */
     kl_record_hot hot;
     kl_record_cold cold;
-    bool by_paths;   /* its rays went on until they met no more light, for want of records */
-    bool kept;       /* it belongs to a record of the cache */
-    bool dropped;    /* its place is gone */
-    uint32_t record; /* of the cache, if kept */
-    uint32_t age;    /* frames that it has been shown, up to KL_LEDGER_FADE: in full */
-    bool leaves;     /* others do without it: its age goes down, and then it is dropped */
-    bool faded;      /* the cache has other light than `cold` */
+    bool by_paths;       /* its rays went on until they met no more light, for want of records */
+    bool kept;           /* it belongs to a record of the cache */
+    bool dropped;        /* its place is gone */
+    uint32_t record;     /* of the cache, if kept */
+    uint32_t age_frames; /* frames that it has been shown, up to KL_LEDGER_FADE: in full */
+    bool leaves;         /* others do without it: its age goes down, and then it is dropped */
+    bool faded;          /* the cache has other light than `cold` */
     /* By the last refresh: */
     float step;    /* [m] that it moved; KL_INF: it turned so far that its rays say nothing */
     uint32_t shot; /* rays */
@@ -81,7 +81,8 @@ void kl_ledger_stir(const struct kl_ledger_entry *entries, size_t count,
 /* Mean change of irradiance around a point, luminance. */
 float kl_ledger_stir_at(const struct kl_ledger_stir *stir, kl_vec3 at);
 
-/* Take a record along with what it lies on; it is dropped where its place is gone. */
+/* Take a record a frame further, along with what it lies on; it is dropped where its place is gone,
+ * or it has left. */
 void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry);
 /* Bring a record that was moved and not dropped up to date. */
 void kl_ledger_refresh_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry,

@@ -116,9 +116,9 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
     e->shot = 0;
     e->faded = false;
     if (e->leaves) {
-        --e->age;
-    } else if (e->age < KL_LEDGER_FADE) {
-        ++e->age;
+        --e->age_frames;
+    } else if (e->age_frames < KL_LEDGER_FADE) {
+        ++e->age_frames;
     }
     e->hasty = e->change >= quick;
     e->change = 0.0f;
@@ -136,7 +136,7 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
         if (kl_dot(normal, kl_oct_decode(e->point.normal)) < turned) e->step = KL_INF;
     }
     e->dropped =
-        e->age == 0 || object->deformed ||
+        e->age_frames == 0 || object->deformed ||
         kl_moved_meets(m->is, m->count, object->moved ? e->object : KL_NONE, pos, normal, 0.0f);
 }
 

@@ -20,7 +20,7 @@ static struct kl_ledger_entry entry_at(float x, float irr)
     const struct kl_radius_settings radius = {KL_RADIUS_HESSIAN, 0.4f, 2.0f};
     const kl_gather_result result = {
         .irr = {irr, irr, irr}, .hessian = {3.0f * irr, 0.0f, 3.0f * irr}, .harmonic = 1.0f};
-    struct kl_ledger_entry e = {.kept = true, .age = KL_LEDGER_FADE};
+    struct kl_ledger_entry e = {.kept = true, .age_frames = KL_LEDGER_FADE};
 
     e.point =
         (kl_gather_point){.pos = {x, 0.0f, 0.0f}, .normal = kl_oct_encode(kl_v3(0.0f, 1.0f, 0.0f))};
@@ -65,7 +65,7 @@ static float shown_at(uint32_t age, bool leaves)
                                    entry_at(0.0f, 2.0f), entry_at(1.5f, 3.0f)};
     struct kl_cache *c = cache_of(e, N);
 
-    e[2].age = age;
+    e[2].age_frames = age;
     e[2].leaves = leaves;
     fade(e, N, c);
     const float shown = light_of(c, 2);
@@ -107,12 +107,12 @@ static void what_nobody_else_serves_counts_in_full(void **state)
     struct kl_cache *c = cache_of(e, N);
     (void)state;
 
-    e[3].age = 1;
+    e[3].age_frames = 1;
     e[3].leaves = true;
     fade(e, N, c);
     assert_true(light_of(c, 3) == 3.0f);
     assert_false(e[3].leaves);
-    assert_int_equal(e[3].age, KL_LEDGER_FADE);
+    assert_int_equal(e[3].age_frames, KL_LEDGER_FADE);
     kl_cache_destroy(c);
 }
 
