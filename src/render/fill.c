@@ -16,6 +16,7 @@ static const float alike = 0.98f;      /* cosine: candidates exclude each other 
 static const float exclusion = 0.5f;   /* of the predicted radius */
 static const float unknown_px = 12.0f; /* predicted radius where nothing is known yet */
 enum { MAX_PASSES = 64, MAX_ROUNDS = 8, FIRST_BATCH = 512, FIRST_RAYS = 1 << 20 };
+enum { MANY_CAMERAS = 8, STAGE_POINTS = 1 << 20 };
 /* Rays of a batch at most: seconds, so that stopping and progress do not wait for minutes. */
 enum { BATCH_RAYS = 1 << 22 };
 
@@ -275,20 +276,43 @@ static kl_status fill_world(const struct kl_fill_job *job, struct kl_fill_stats 
     return st;
 }
 
-static kl_status fill_camera(const struct kl_fill_job *job, uint32_t camera,
-                             struct kl_fill_stats *stats, struct kl_err *err)
+/* What the cameras from *next on see, until that is enough for a stage; *next moves on. Where there
+ * are many, their frames overlap, and each looks at a quarter of its pixels. */
+static kl_status look(const struct kl_fill_job *job, uint32_t *next, struct kl_point **points,
+                      size_t *count, struct kl_fill_stats *stats, struct kl_err *err)
 {
-    const double share = 1.0 / job->camera_count;
-    const struct stage stage = {1, camera * share, share};
+    const uint32_t every = job->camera_count >= MANY_CAMERAS ? 2 : 1;
+    const double start = kl_seconds();
+    size_t capacity = 0;
+    kl_status st = KL_OK;
+
+    while (st == KL_OK && *next < job->camera_count && *count < STAGE_POINTS) {
+        struct kl_point *seen = NULL;
+        size_t n = 0;
+        st = kl_fill_screen_points(job, *next, every, &seen, &n, err);
+        if (st == KL_OK) st = kl_grow_array(points, &capacity, *count + n, sizeof **points, err);
+        if (st == KL_OK && n > 0) memcpy(*points + *count, seen, n * sizeof *seen);
+        free(seen);
+        const struct kl_camera *c = &job->cameras[(*next)++];
+        stats->primary_rays += (uint64_t)c->width * c->height / (every * every);
+        *count += n;
+    }
+    stats->visibility_seconds += kl_seconds() - start;
+    return st;
+}
+
+/* The cameras from *next on that make a stage; *next moves on. */
+static kl_status fill_cameras(const struct kl_fill_job *job, uint32_t *next,
+                              struct kl_fill_stats *stats, struct kl_err *err)
+{
+    const uint32_t first = *next;
     struct kl_point *points = NULL;
     size_t count = 0;
-    const double start = kl_seconds();
-    kl_status st = kl_fill_screen_points(job, camera, &points, &count, err);
-    if (st != KL_OK) return st;
-    stats->primary_rays += (uint64_t)job->cameras[camera].width * job->cameras[camera].height;
-    stats->visibility_seconds += kl_seconds() - start;
+    kl_status st = look(job, next, &points, &count, stats, err);
+    const struct stage stage = {1, (double)first / job->camera_count,
+                                (double)(*next - first) / job->camera_count};
     const size_t allowed = (size_t)((double)job->uncovered * (double)count);
-    st = fill_points(job, 0, points, count, allowed, &stage, stats, err);
+    if (st == KL_OK) st = fill_points(job, 0, points, count, allowed, &stage, stats, err);
     free(points);
     return st;
 }
@@ -301,9 +325,10 @@ kl_status kl_fill(const struct kl_fill_job *job, struct kl_fill_stats *stats, st
      * round adds nothing. That round is also what a later run will see. */
     for (int round = 0; st == KL_OK && round < MAX_ROUNDS; ++round) {
         const uint32_t before = kl_cache_count(job->cache, 0);
+        uint32_t next = 0;
         stats->uncovered = 0.0;
-        for (uint32_t i = 0; st == KL_OK && i < job->camera_count; ++i) {
-            st = fill_camera(job, i, stats, err);
+        while (st == KL_OK && next < job->camera_count) {
+            st = fill_cameras(job, &next, stats, err);
         }
         if (kl_cache_count(job->cache, 0) == before) break;
     }

@@ -70,32 +70,37 @@ static float look_around(const kl_scene_view *scene, const struct kl_point *p)
     return inverse > 0.0f ? (float)LOOKS / inverse : KL_INF;
 }
 
-kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
+kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera, uint32_t every,
                                 struct kl_point **points, size_t *count, struct kl_err *err)
 {
     const struct kl_camera *c = &job->cameras[camera];
-    const size_t pixels = (size_t)c->width * c->height;
+    const uint32_t left = camera % every; /* neighbouring frames look at other pixels */
+    const uint32_t top = camera / every % every;
+    const size_t columns = (c->width - left + every - 1) / every;
+    const size_t rows = (c->height - top + every - 1) / every;
     struct kl_point *p = NULL;
     size_t kept = 0;
-    kl_status st = kl_alloc_array(&p, pixels, sizeof *p, err);
+    kl_status st = kl_alloc_array(&p, columns * rows, sizeof *p, err);
 
     if (st != KL_OK) return st;
 #pragma omp parallel for schedule(dynamic, 64)
-    for (size_t i = 0; i < pixels; ++i) {
-        const kl_ray ray =
-            kl_camera_ray(c, (float)(i % c->width) + 0.5f, (float)(i / c->width) + 0.5f);
+    for (size_t i = 0; i < columns * rows; ++i) {
+        const uint32_t x = left + every * (uint32_t)(i % columns);
+        const uint32_t y = top + every * (uint32_t)(i / columns);
+        const uint32_t pixel = y * c->width + x;
+        const kl_ray ray = kl_camera_ray(c, (float)x + 0.5f, (float)y + 0.5f);
         kl_hit hit;
         kl_surface s;
         float length = 0.0f;
-        p[i].covered = !find_diffuse(job->scene, ray, (uint32_t)i * MIRRORS, &hit, &s, &length);
+        p[i].covered = !find_diffuse(job->scene, ray, pixel * MIRRORS, &hit, &s, &length);
         if (!p[i].covered) {
             p[i] = point_of(job->scene, &hit, &s, kl_camera_pixel_size(c, length),
-                            kl_hash2((uint32_t)i, camera + 0x7f4a7c15u));
-            const bool looks = i % c->width % LOOK_EVERY == 0 && i / c->width % LOOK_EVERY == 0;
+                            kl_hash2(pixel, camera + 0x7f4a7c15u));
+            const bool looks = i % columns % LOOK_EVERY == 0 && i / columns % LOOK_EVERY == 0;
             if (looks) p[i].near = look_around(job->scene, &p[i]);
         }
     }
-    for (size_t i = 0; i < pixels; ++i) {
+    for (size_t i = 0; i < columns * rows; ++i) {
         if (!p[i].covered) p[kept++] = p[i];
     }
     *points = p;

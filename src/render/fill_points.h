@@ -12,9 +12,9 @@ struct kl_point {
     bool covered;
 };
 
-/* What each pixel's centre sees through mirrors: the first diffuse surface. *points is the
- * caller's to free(). */
-kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera,
+/* What the centres of pixels see through mirrors: the first diffuse surface. Of every column and
+ * row if `every` is 1, of every second one if it is 2. *points is the caller's to free(). */
+kl_status kl_fill_screen_points(const struct kl_fill_job *job, uint32_t camera, uint32_t every,
                                 struct kl_point **points, size_t *count,
                                 struct kl_err *err) KL_MUST_CHECK;
 /* Where gather rays land: vertices of random walks from what the cameras see. The same points for

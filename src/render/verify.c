@@ -44,7 +44,7 @@ static kl_status choose_points(const struct kl_verify_job *job, uint32_t camera,
         .scene = job->scene, .cameras = job->cameras, .camera_count = job->camera_count};
     struct kl_point *all = NULL;
     size_t visible = 0;
-    kl_status st = kl_fill_screen_points(&fill, camera, &all, &visible, err);
+    kl_status st = kl_fill_screen_points(&fill, camera, 1, &all, &visible, err);
     if (st != KL_OK) return st;
     const size_t n = count_points(job, visible);
     st = kl_alloc_array(&out->gather, n, sizeof *out->gather, err);
