@@ -119,23 +119,25 @@ static void compare(const struct shot *shot, enum kl_indirect indirect, uint32_t
 }
 
 /* By paths at 64 samples a pixel, and falling with their number; by the cache at 64. */
-static const struct shot cornell = {"cornell", "camera", "cornell", 0.0, 1.0f, 3.2e-4, 1e-4, 0.0};
+static const struct shot cornell = {"cornell", "camera", "cornell", 0.0,  1.0f,
+                                    3.2e-4,    1e-4,     0.0,       false};
 static const struct shot sphere = {
-    "integrating-sphere", "camera", "integrating-sphere", 0.0, 2.0f, 2e-4, 2e-5, 0.0};
+    "integrating-sphere", "camera", "integrating-sphere", 0.0, 2.0f, 2e-4, 2e-5, 0.0, false};
 static const struct shot rooms = {
-    "two-rooms", "bright camera", "two-rooms-bright", 0.0, 1.5f, 2e-4, 5e-5, 0.0};
+    "two-rooms", "bright camera", "two-rooms-bright", 0.0, 1.5f, 2e-4, 5e-5, 0.0, false};
 static const struct shot gallery_1 = {
     "gallery", "fly", "gallery-fly-0001", 1.0 / 24.0, 3.0f, 6.4e-4, 2.5e-4, 0.0, true};
 static const struct shot gallery_61 = {
     "gallery", "fly", "gallery-fly-0061", 61.0 / 24.0, 3.0f, 6.4e-4, 2.5e-4, 0.0, true};
 
 static const struct shot moving_13 = {
-    "cornell-moving", "camera", "cornell-moving-0013", 13.0 / 24.0, 1.0f, 3.2e-4, 2e-4, 0.0};
+    "cornell-moving", "camera", "cornell-moving-0013", 13.0 / 24.0, 1.0f, 3.2e-4, 2e-4, 0.0, false};
 static const struct shot moving_16 = {
     "cornell-moving", "camera", "cornell-moving-0016-blur", 16.0 / 24.0, 1.0f, 3.2e-4, 2e-4,
-    0.5 / 24.0};
-static const struct shot fast_4 = {
-    "cornell-fast", "camera", "cornell-fast-0004-blur", 4.0 / 24.0, 1.0f, 3.2e-4, 2e-4, 1.0 / 24.0};
+    0.5 / 24.0,       false};
+static const struct shot fast_4 = {"cornell-fast", "camera",   "cornell-fast-0004-blur",
+                                   4.0 / 24.0,     1.0f,       3.2e-4,
+                                   2e-4,           1.0 / 24.0, false};
 
 enum { SPP = 64, MANY_SPP = 1024 };
 
