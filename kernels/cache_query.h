@@ -289,6 +289,15 @@ KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, const k
     }
 }
 
+KL_FN int kl_lanes_serve(const kl_lanes *l)
+{
+    int any = 0;
+    for (kl_u32 k = 0; k < KL_LANES; ++k) {
+        any |= l->weight[k] > 0.0f;
+    }
+    return any;
+}
+
 /* What KL_LANES records add to an answer: shares times what they say. */
 typedef struct kl_terms {
     float red[KL_LANES], green[KL_LANES], blue[KL_LANES]; /* irradiance */
@@ -373,6 +382,7 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
             kl_lanes l;
             kl_terms terms;
             kl_lanes_weigh(c, near + first, q, p, n, bent, &l);
+            if (!kl_lanes_serve(&l)) continue;
             kl_lanes_extrapolate(c, near + first, &l, &terms);
             kl_answer_add(&l, &terms, count, &a);
             for (kl_u32 k = 0; k < count; ++k) {
