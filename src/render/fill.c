@@ -112,6 +112,7 @@ static struct kl_gather_ladder ladder_for(const struct kl_fill_job *job, uint32_
     struct kl_gather_ladder ladder = job->ladder[level];
     const size_t together = level1->head.record_count + count;
     if (level == 0 || level1->head.record_count >= FIRST_BATCH) return ladder;
+    ladder.count = 1;
     for (uint32_t i = 0; i < job->ladder[0].count; ++i) {
         const size_t side = ladder.steps[0]->side;
         if (side * side * together >= FIRST_RAYS) break;

@@ -12,9 +12,8 @@
 static const uint32_t algorithm_version = 1;
 
 enum { DEFAULT_RAYS = 1024, LADDER = 3 };
-/* Standard errors, as told, over the error that was asked for: quarter blocks tell them 1.5 times
- * too large on average. */
-static const float record_noise = 1.5f;
+/* Standard errors as quarter blocks tell them, over what they are on average. */
+static const float told_noise = 1.5f;
 
 uint32_t kl_renderer_side_for(uint32_t rays)
 {
@@ -38,20 +37,26 @@ kl_status kl_renderer_get_tables(struct kl_renderer *r, uint32_t side,
     return st;
 }
 
+kl_status kl_renderer_climb(struct kl_renderer *r, uint32_t side, uint32_t steps, float noise,
+                            struct kl_gather_ladder *out, struct kl_err *err)
+{
+    kl_status st = KL_OK;
+    *out = (struct kl_gather_ladder){.tolerance = told_noise * noise * (float)r->settings.error};
+    for (uint32_t s = side; st == KL_OK && out->count < steps && s <= KL_LAST_SIDE; s *= 2) {
+        st = kl_renderer_get_tables(r, s, &out->steps[out->count++], err);
+    }
+    return st;
+}
+
 /* Records that the camera sees climb until their noise is good enough; gather rays average over
  * many of those they end in, which get a quarter of the rays. */
 static kl_status make_ladders(struct kl_renderer *r, struct kl_err *err)
 {
     const uint32_t side = kl_renderer_side_for(r->settings.rays);
-    struct kl_gather_ladder *eye = &r->ladder[0];
-    kl_status st = kl_renderer_get_tables(r, side > KL_FIRST_SIDE ? side / 2 : side,
-                                          &r->ladder[1].steps[0], err);
-    r->ladder[1].count = 1;
-    eye->tolerance = record_noise * (float)r->settings.error;
-    for (uint32_t s = side; st == KL_OK && eye->count < LADDER && s <= KL_LAST_SIDE; s *= 2) {
-        st = kl_renderer_get_tables(r, s, &eye->steps[eye->count++], err);
-    }
-    return st;
+    kl_status st = kl_renderer_climb(r, side, LADDER, 1.0f, &r->ladder[0], err);
+    if (st != KL_OK) return st;
+    return kl_renderer_climb(r, side > KL_FIRST_SIDE ? side / 2 : side, 1, 1.0f, &r->ladder[1],
+                             err);
 }
 
 static void digest_settings(struct kl_renderer *r)

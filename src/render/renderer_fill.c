@@ -8,12 +8,15 @@ static const float least_weight = 0.3f;
 static const float spacing_px = 1.5f;
 static const float uncovered = 5e-4f;
 enum { BATCH = 4096 };
-enum { MEASURED_POINTS = 256, MEASURE_ROUNDS = 8, VERIFY_SIDE = KL_LAST_SIDE / 2 };
-/* Standard errors are told by quarter blocks, 1.5 times too large on average: those of the
- * references for proof reach a quarter of the error. */
-static const float reference_noise = 0.375f;
+enum { MEASURED_POINTS = 256, MEASURE_ROUNDS = 8 };
+enum { MEASURE_SIDE = KL_LAST_SIDE / 4, VERIFY_SIDE = KL_LAST_SIDE / 2 };
+/* Standard errors over the error that was asked for: of references; and where the error is to be
+ * proved, of records by level. 95 % of what they say lies within twice theirs. */
+static const float reference_noise = 0.25f;
+static const float proved_noise[KL_CACHE_LEVELS] = {0.35f, 2.0f};
 /* Of the error: a few hundred points say it within 15 %. */
 static const double measured_share = 0.85;
+static const double worth_a_round = 0.97; /* of the error of the round before */
 
 /* Bring the cache of an earlier edition up to date, and only then replace what lies on disk. */
 static kl_status revise(struct kl_renderer *r, const struct kl_fill_job *job,
@@ -54,23 +57,21 @@ static struct kl_verify_job verify_job(const struct kl_renderer *r, const struct
 static kl_status measure(struct kl_renderer *r, const struct kl_renderer_fill *fill,
                          struct kl_fill_stats *stats, struct kl_err *err)
 {
-    const struct kl_gather_tables *tables = NULL;
     struct kl_verify_stats found;
     const kl_level_view level1 = kl_cache_view(r->cache, 1);
     const double start = kl_seconds();
-    kl_status st = kl_renderer_get_tables(
-        r, kl_renderer_side_for(r->settings.error < 0.02 ? 16384 : 4096), &tables, err);
-    if (st != KL_OK) return st;
     struct kl_verify_job job = verify_job(r, fill->cameras, fill->camera_count);
-    job.ladder = (struct kl_gather_ladder){.steps = {tables}, .count = 1};
     job.level1 = &level1;
     job.share = 1.0;
     job.at_most = MEASURED_POINTS;
-    st = kl_verify(&job, NULL, &found, err);
-    stats->gather_rays += (found.points + found.unserved) * tables->side * tables->side;
+    kl_status st =
+        kl_renderer_climb(r, MEASURE_SIDE, KL_GATHER_STEPS, reference_noise, &job.ladder, err);
+    if (st == KL_OK) st = kl_verify(&job, NULL, &found, err);
+    if (st != KL_OK) return st;
+    stats->gather_rays += found.rays;
     stats->gather_seconds += kl_seconds() - start;
     stats->measured = kl_verify_error(&found);
-    return st;
+    return KL_OK;
 }
 
 static uint32_t added(const struct kl_fill_stats *stats)
@@ -78,19 +79,21 @@ static uint32_t added(const struct kl_fill_stats *stats)
     return stats->added[0] + stats->added[1];
 }
 
-/* Fill; then, as long as the measured error is above what was asked for, make radii smaller and
- * fill the gaps. The error goes with the square of the radii. */
+/* Fill; then, as long as the measured error is above what was asked for and falls, make radii
+ * smaller and fill the gaps. The error goes with the square of the radii. */
 static kl_status fill_until_met(struct kl_renderer *r, const struct kl_renderer_fill *fill,
                                 const struct kl_fill_job *job, struct kl_fill_stats *stats,
                                 struct kl_err *err)
 {
     for (int round = 0;; ++round) {
         const uint32_t before = added(stats);
+        const double measured = stats->measured;
         kl_status st = kl_fill(job, stats, err);
         if (st != KL_OK || !fill->measure || added(stats) == before) return st;
         st = measure(r, fill, stats, err);
         const double over = stats->measured / (measured_share * r->settings.error);
-        if (st != KL_OK || over <= 1.0 || round == MEASURE_ROUNDS) return st;
+        const bool in_vain = round > 0 && stats->measured > worth_a_round * measured;
+        if (st != KL_OK || over <= 1.0 || in_vain || round == MEASURE_ROUNDS) return st;
         r->accuracy[0] *= (float)fmin(0.9, fmax(0.6, sqrt(0.9 / over)));
         st = kl_cache_set_accuracy(r->cache, 0, r->accuracy[0], err);
         if (st != KL_OK) return st;
@@ -148,7 +151,12 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
         .progress = kl_turn_note,
         .progress_context = turn,
     };
-    kl_status st = r->revision != NULL ? revise(r, &job, stats, err) : KL_OK;
+    kl_status st = KL_OK;
+    for (int i = 0; st == KL_OK && fill->measure && i < KL_CACHE_LEVELS; ++i) {
+        st = kl_renderer_climb(r, r->ladder[i].steps[0]->side, KL_GATHER_STEPS, proved_noise[i],
+                               &job.ladder[i], err);
+    }
+    if (st == KL_OK && r->revision != NULL) st = revise(r, &job, stats, err);
     job.cache = r->cache;
     if (st == KL_OK) st = open_ledger(r, &job, stats, err);
     if (st == KL_OK) st = fill_until_met(r, fill, &job, stats, err);
@@ -187,10 +195,7 @@ kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camer
 {
     struct kl_verify_job job = verify_job(renderer, camera, 1);
     job.share = share;
-    job.ladder = (struct kl_gather_ladder){
-        .count = 2, .tolerance = reference_noise * (float)renderer->settings.error};
-    kl_status st = kl_renderer_get_tables(renderer, VERIFY_SIDE, &job.ladder.steps[0], err);
-    if (st == KL_OK) st = kl_renderer_get_tables(renderer, KL_LAST_SIDE, &job.ladder.steps[1], err);
-    if (st != KL_OK) return st;
-    return kl_verify(&job, all, stats, err);
+    kl_status st = kl_renderer_climb(renderer, VERIFY_SIDE, KL_GATHER_STEPS, reference_noise,
+                                     &job.ladder, err);
+    return st == KL_OK ? kl_verify(&job, all, stats, err) : st;
 }

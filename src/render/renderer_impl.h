@@ -82,6 +82,11 @@ kl_status kl_renderer_get_tables(struct kl_renderer *r, uint32_t side,
                                  const struct kl_gather_tables **out,
                                  struct kl_err *err) KL_MUST_CHECK;
 
+/* Rays of a gather: side x side, and four times as many in each further step, until the standard
+ * error is `noise` times the error that was asked for. `steps`: at most KL_GATHER_STEPS. */
+kl_status kl_renderer_climb(struct kl_renderer *r, uint32_t side, uint32_t steps, float noise,
+                            struct kl_gather_ladder *out, struct kl_err *err) KL_MUST_CHECK;
+
 /* Tell the store which records served, before it or the cache changes. A folder that cannot be
  * written to, as with frozen caches, is no reason to complain. */
 void kl_renderer_tell_use(struct kl_renderer *r);

@@ -91,7 +91,8 @@ void kl_verify_summarise(struct kl_verify_errors *errors, struct kl_verify_stats
     double sum2 = 0.0;
     double sum4 = 0.0;
 
-    *stats = (struct kl_verify_stats){.points = n, .unserved = errors->unserved};
+    *stats =
+        (struct kl_verify_stats){.points = n, .unserved = errors->unserved, .rays = errors->rays};
     if (n == 0) return;
     for (size_t i = 0; i < n; ++i) {
         const double e2 = values[i] * values[i];
@@ -125,6 +126,7 @@ static void compare(const struct kl_verify_job *job, const struct points *points
         const kl_answer a = kl_cache_query(&job->cache, &job->query, p->pos, p->smooth, p->smooth);
         const double y = (double)luminance_of(r->irr);
         errors->noise2 += (double)r->error * (double)r->error;
+        errors->rays += (uint64_t)r->side * r->side;
         if (a.weight > 0.0f) {
             errors->values[errors->count++] = ((double)kl_luminance(a.irr) - y) / fmax(y, least);
         } else {
@@ -173,6 +175,7 @@ static kl_status append(struct kl_verify_errors *all, const struct kl_verify_err
         all->values[all->count++] = own->values[i];
     }
     all->unserved += own->unserved;
+    all->rays += own->rays;
     all->noise2 += own->noise2;
     return KL_OK;
 }

@@ -23,6 +23,7 @@ struct kl_verify_job {
  * thousandth of their geometric mean count as that. Intervals hold the value with 95 %. */
 struct kl_verify_stats {
     uint64_t points, unserved;  /* compared; without a record */
+    uint64_t rays;              /* first ones of the references */
     double bias, bias_interval; /* mean, and half the width of its interval */
     double rmse, rmse_interval;
     double p95, p95_low, p95_high; /* percentiles of the size of the error */
@@ -34,7 +35,7 @@ struct kl_verify_stats {
 struct kl_verify_errors {
     double *values;
     size_t count, room;
-    uint64_t unserved;
+    uint64_t unserved, rays;
     double noise2; /* sum of the references' squared relative standard errors */
 };
 
