@@ -48,29 +48,44 @@ static int make_mine(int dir_fd, const char *name, char mine[NAME_SIZE + 32])
     return kl_file_open_at(dir_fd, mine, O_RDWR | O_CREAT | O_EXCL);
 }
 
-/* Of several that find no living claim the last one to rename has it; the others do not know, and
- * work is done twice. */
-static int try_take(int dir_fd, const char *name, bool *taken)
+static bool sign(int fd)
 {
-    char mine[NAME_SIZE + 32];
-    struct stat now;
     struct kl_err ignored;
     char host[64] = "?";
     char text[128];
-    const int fd = make_mine(dir_fd, name, mine);
 
-    *taken = true;
-    if (fd < 0) return -1;
     (void)gethostname(host, sizeof host - 1);
     const int size = snprintf(text, sizeof text, "%s %ld\n", host, (long)getpid());
-    bool ok = kl_file_write_all(fd, text, (size_t)size, &ignored) == KL_OK &&
-              kl_file_calls->stat(fd, &now) == 0;
+    return kl_file_write_all(fd, text, (size_t)size, &ignored) == KL_OK;
+}
+
+/* Of several that find the same dead claim the last one to rename has it; the others do not know,
+ * and work is done twice. */
+static int take_over(int dir_fd, const char *name, bool *taken)
+{
+    char mine[NAME_SIZE + 32];
+    struct stat now;
+    const int fd = make_mine(dir_fd, name, mine);
+
+    if (fd < 0) return -1;
+    bool ok = sign(fd) && kl_file_calls->stat(fd, &now) == 0;
     if (ok && another_lives(dir_fd, name, &now)) *taken = ok = false;
     ok = ok && kl_file_calls->rename_at(dir_fd, mine, dir_fd, name) == 0;
     if (ok) return fd;
     (void)kl_file_calls->unlink_at(dir_fd, mine);
     (void)kl_file_calls->close(fd);
     return -1;
+}
+
+/* Of several that find none, one can make it. */
+static int try_take(int dir_fd, const char *name, bool *taken)
+{
+    const int fd = kl_file_open_at(dir_fd, name, O_RDWR | O_CREAT | O_EXCL);
+
+    *taken = true;
+    if (fd < 0) return take_over(dir_fd, name, taken);
+    (void)sign(fd);
+    return fd;
 }
 
 struct kl_claim *kl_claim_take(const struct kl_store *store, uint64_t work, bool *taken)
