@@ -10,11 +10,13 @@ struct kl_ledger_rate {
     float turns;     /* that this took, summed likewise */
 };
 
-/* What may have become of a ray: nothing; what it hits is lit otherwise, a little or so much that
- * its record notices; what it hits has moved, and it still hits it; it has another origin; all. */
+/* What may have become of a ray: nothing; what it hits is lit a little otherwise; nothing any more,
+ * but its turn had not come while something did; what it hits is lit so much otherwise that its
+ * record notices; what it hits has moved, and it still hits it; it has another origin; all. */
 enum kl_ledger_kind {
     KL_RAY_STILL,
     KL_RAY_DIMS,
+    KL_RAY_LAGS,
     KL_RAY_FADES,
     KL_RAY_SEES,
     KL_RAY_RIDES,

@@ -13,7 +13,7 @@ static const float clear = 1e-3f;     /* of the scene's radius */
 
 /* Of how many of a kind one is shot again in a turn; of those that may be slow, where the record's
  * light changed little the last time. */
-static const uint32_t one_of[KL_RAY_KINDS] = {0, 10, 3, 2, 2, 1};
+static const uint32_t one_of[KL_RAY_KINDS] = {0, 10, 4, 3, 2, 2, 1};
 enum { ONE_OF_SLOW = 4 };
 static const float quick = 0.015f; /* change of the light from which on a record is not slow */
 static const float notes = 0.01f;  /* change of light elsewhere, of its own, that a record notes */
@@ -155,7 +155,8 @@ static bool is_due(const struct kl_ledger_entry *e, enum kl_ledger_kind kind, ui
 /* Does light that a ray of this kind brings change steadily? */
 static bool is_steady(enum kl_ledger_kind kind)
 {
-    return kind == KL_RAY_FADES || kind == KL_RAY_SEES || kind == KL_RAY_RIDES;
+    return kind == KL_RAY_LAGS || kind == KL_RAY_FADES || kind == KL_RAY_SEES ||
+           kind == KL_RAY_RIDES;
 }
 
 static void shoot_ray(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
@@ -190,8 +191,7 @@ static void shoot(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
         const kl_vec3 dir = kl_gather_toward(&e->point, d);
         enum kl_ledger_kind kind = judge(r, e, c, dir, rides ? e->object : KL_NONE);
         if (fabsf(c->distance) <= near_steps * e->step) kind = KL_RAY_TOUCHED;
-        /* What it was to follow stands still now: its turn comes all the same. */
-        if (kind == KL_RAY_STILL && e->waits[i] > 0) kind = KL_RAY_DIMS;
+        if (kind <= KL_RAY_DIMS && e->waits[i] > 0) kind = KL_RAY_LAGS;
         if (is_steady(kind) && e->waits[i] < UINT8_MAX) ++e->waits[i];
         struct stratum *s = &strata[kind];
         kinds[i] = (uint8_t)kind;
