@@ -30,6 +30,9 @@ static inline const kl_direction *kl_gather_directions(const struct kl_gather_ta
     return tables->directions + (size_t)(seed & (tables->sets - 1)) * tables->side * tables->side;
 }
 
+/* Standard errors as quarter blocks tell them, over what they are on average. */
+#define KL_TOLD_NOISE 1.5f
+
 /* How many rays a record gets: every step has four times the rays of the one before and keeps
  * theirs, because the directions are prefixes of one sequence. */
 enum { KL_GATHER_STEPS = 5 };

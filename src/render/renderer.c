@@ -12,8 +12,6 @@
 static const uint32_t algorithm_version = 1;
 
 enum { DEFAULT_RAYS = 1024, LADDER = 3 };
-/* Standard errors as quarter blocks tell them, over what they are on average. */
-static const float told_noise = 1.5f;
 
 uint32_t kl_renderer_side_for(uint32_t rays)
 {
@@ -41,7 +39,7 @@ kl_status kl_renderer_climb(struct kl_renderer *r, uint32_t side, uint32_t steps
                             struct kl_gather_ladder *out, struct kl_err *err)
 {
     kl_status st = KL_OK;
-    *out = (struct kl_gather_ladder){.tolerance = told_noise * noise * (float)r->settings.error};
+    *out = (struct kl_gather_ladder){.tolerance = KL_TOLD_NOISE * noise * (float)r->settings.error};
     for (uint32_t s = side; st == KL_OK && out->count < steps && s <= KL_LAST_SIDE; s *= 2) {
         st = kl_renderer_get_tables(r, s, &out->steps[out->count++], err);
     }

@@ -197,7 +197,6 @@ kl_status kl_verify(const struct kl_verify_job *job, struct kl_verify_errors *al
 
 double kl_verify_error(const struct kl_verify_stats *stats)
 {
-    /* Estimates from quarter blocks are 1.5 times too large on average. */
-    const double noise = z95 * stats->noise / 1.5;
+    const double noise = z95 * stats->noise / (double)KL_TOLD_NOISE;
     return sqrt(fmax(0.0, stats->p95 * stats->p95 - noise * noise));
 }

@@ -10,13 +10,13 @@ if [[ ! -d $data ]]; then
 fi
 mkdir -p "$folder"
 cd "$folder" || exit 1
-quick=(--frames 1 --cache-mode off --error 0.1 --rays 64 --device embree --aov none --overwrite --progress off)
+quick=(--frames 1 --size 160x120 --spp 1 --cache-mode off --error 0.1 --rays 64 --device embree --aov none --overwrite --progress off)
 failed=0
 
-# try SCENE OPTIONS...: exit code to $code, what went wrong to $errors (a count).
+# try SCENE: exit code to $code, what went wrong to $errors (a count).
 try() {
     rm -f frame.exr
-    timeout 300 "$keeplight" render "$1" "${quick[@]}" "${@:2}" --out frame.exr >out.txt 2>err.txt
+    timeout 300 "$keeplight" render "$1" "${quick[@]}" --out frame.exr >out.txt 2>err.txt
     code=$?
     errors=$(grep -c '^keeplight: error: ' err.txt)
 }
@@ -28,7 +28,7 @@ complain() {
 }
 
 while read -r scene; do
-    try "$scene" --size 160x120 --spp 1
+    try "$scene"
     case $scene in
     */unsupported-required/* | */broken/* | */nearly-valid/*)
         ((code == 0 || (code == 1 && errors == 1))) || complain "$scene" "exit code $code, $errors errors"
