@@ -6,6 +6,7 @@
 #include "kernels/cache_query.h"
 #include "kernels/lights.h"
 #include "kernels/parts.h"
+#include "kernels/riding.h"
 
 #define KL_GATHER_DEPTH 64 /* bounces at most; roulette ends nearly all paths long before */
 
@@ -18,15 +19,16 @@ typedef struct kl_gather_point {
     kl_u32 geometric;       /* octahedral: normal of the triangle, on the same side */
     kl_u32 seed;            /* identity of the record: hash of position, normal, level */
     float rot_cos, rot_sin; /* rotation of the direction set about the normal */
+    kl_ride on;             /* while the shutter is open */
 } kl_gather_point;
-KL_ASSERT_SIZE(kl_gather_point, 32);
+KL_ASSERT_SIZE(kl_gather_point, 48);
 
 /* Directions shared by a batch: an Owen-scrambled Sobol' net of side^2 points on the unit disc, one
  * in each cell of the concentric grid, listed by cell, row by row. */
 typedef struct kl_direction {
     float x, y;   /* disc point: the tangential part of the direction */
     kl_u32 index; /* place in the sequence: quarter blocks estimate the error */
-    kl_u32 pad;
+    float when;   /* third coordinate, in [0, 1): the ray's time */
 } kl_direction;
 KL_ASSERT_SIZE(kl_direction, 16);
 
@@ -102,12 +104,29 @@ KL_FN kl_u32 kl_touch_of_direct(const kl_scene_view *s, kl_u32 light, kl_vec3 di
     return kl_touch_of_light(s, light) << 8 | (kl_u32)(share * 255.0f + 0.5f) << 16;
 }
 
+/* What the records of level 1 know of a hit: at the reference instant, where they are. */
+KL_FN kl_answer kl_gather_query(const kl_scene_view *s, const kl_level_view *level1,
+                                const kl_query *query, const kl_ray *ray, const kl_hit *hit,
+                                const kl_surface *surf)
+{
+    if (ray->time != KL_TIME_REFERENCE && kl_instance_moves(s, hit->instance)) {
+        kl_surface there;
+        kl_ray r = *ray;
+        r.time = KL_TIME_REFERENCE;
+        kl_surface_of_side(s, &r, hit, surf->front, &there);
+        return kl_cache_query(level1, query, there.pos, there.smooth, there.smooth);
+    }
+    return kl_cache_query(level1, query, surf->pos, surf->smooth, surf->smooth);
+}
+
 /* Radiance that comes back along `ray`, without what emitters send directly: their light belongs to
  * the direct light of the ray's origin. Ends in the records of level 1 where these serve, else goes
- * on as a path, so that all bounces are counted. `axis`: normal at the ray's origin. */
+ * on as a path, so that all bounces are counted. `axis`: normal at the ray's origin. `stays`: that
+ * is there at all times, and at the reference instant uncovered: a ray that starts inside of
+ * something that moves goes then instead. */
 KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *level1,
                                    const kl_gather_settings *set, kl_vec3 axis, kl_ray ray,
-                                   kl_sampler sampler)
+                                   int stays, kl_sampler sampler)
 {
     kl_gather_cell out;
     kl_vec3 first = kl_v3_splat(0.0f);  /* albedo of the surface that is hit first */
@@ -125,6 +144,13 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         const kl_u32 seed = kl_hash2(sampler.seed, sampler.index * 64u + (kl_u32)bounce);
         if (!kl_intersect(s, &ray, seed, &hit)) break;
         kl_surface_at(s, &ray, &hit, &surf);
+        if (stays && ray.time != KL_TIME_REFERENCE && !surf.front &&
+            kl_instance_moves(s, hit.instance)) {
+            ray.time = KL_TIME_REFERENCE;
+            --bounce;
+            continue;
+        }
+        stays = 0;
         const kl_vec3 albedo = kl_gather_albedo(s, &surf, kl_v3_scale(ray.dir, -1.0f));
         if (bounce == 0) {
             out.distance = kl_dot(surf.smooth, axis) > KL_SAME_SIDE ? -hit.t : hit.t;
@@ -147,7 +173,7 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         }
         sum = kl_v3_add(sum, kl_v3_mul(beta, here));
         const float xi = kl_sampler_1d(&sampler);
-        const kl_answer a = kl_cache_query(level1, &set->query, surf.pos, surf.smooth, surf.smooth);
+        const kl_answer a = kl_gather_query(s, level1, &set->query, &ray, &hit, &surf);
         if (a.weight > 0.0f && hit.t > xi * set->length_scale * a.radius) {
             sum = kl_v3_mad(sum, KL_INV_PI, kl_v3_mul(beta, a.irr));
             break;
@@ -161,7 +187,7 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         const kl_frame f = kl_frame_from_normal(surf.smooth);
         const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(&sampler)));
         if (!(kl_dot(dir, surf.geometric) > 0.0f)) break;
-        ray = kl_ray_make(kl_leave_surface(s, surf.pos, surf.geometric), dir, KL_INF);
+        ray = kl_ray_leave(s, &surf, dir);
     }
     out.radiance[0] = first.x * sum.x;
     out.radiance[1] = first.y * sum.y;
@@ -171,26 +197,45 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
     return out;
 }
 
-/* Unit direction of one cell of one record's hemisphere. */
-KL_FN kl_vec3 kl_gather_toward(const KL_GLOBAL kl_gather_point *point,
-                               const KL_GLOBAL kl_direction *direction)
+/* How a point stands when the ray of one cell leaves it. While the shutter is open every ray has a
+ * time of its own: together they bring the mean over it, for the same point of the surface. */
+KL_FN kl_stance kl_gather_stance(const kl_scene_view *s, const KL_GLOBAL kl_gather_point *point,
+                                 const KL_GLOBAL kl_direction *direction)
 {
-    const kl_frame f = kl_frame_from_normal(kl_oct_decode(point->normal));
-    const float x = point->rot_cos * direction->x - point->rot_sin * direction->y;
-    const float y = point->rot_sin * direction->x + point->rot_cos * direction->y;
-    return kl_frame_to_world(&f, kl_v3(x, y, kl_sqrt(kl_fmax(0.0f, 1.0f - x * x - y * y))));
+    const kl_vec3 pos = kl_v3_load(point->pos);
+    const kl_vec3 n = kl_oct_decode(point->normal);
+    const kl_vec3 ng = kl_oct_decode(point->geometric);
+    const kl_ride on = point->on;
+    float time = KL_TIME_REFERENCE;
+    if (KL_NEEDS(s, KL_NEED_MOTION)) {
+        const float u = direction->when + kl_unit_float(kl_hash(point->seed ^ 0x74696d65u));
+        time = kl_shutter_time(s->shutter_times, u < 1.0f ? u : u - 1.0f);
+    }
+    return kl_ride_to(s, &on, time, pos, n, ng);
 }
 
-/* The ray of one cell of one record's hemisphere. */
+/* The ray of one cell of one record's hemisphere, below the triangle or not. */
+KL_FN kl_ray kl_gather_leave(const kl_scene_view *s, const KL_GLOBAL kl_gather_point *point,
+                             const KL_GLOBAL kl_direction *direction, const kl_stance *from)
+{
+    const float x = point->rot_cos * direction->x - point->rot_sin * direction->y;
+    const float y = point->rot_sin * direction->x + point->rot_cos * direction->y;
+    const kl_vec3 dir = kl_v3(x, y, kl_sqrt(kl_fmax(0.0f, 1.0f - x * x - y * y)));
+    kl_ray ray = kl_ray_make(kl_leave_surface(s, from->pos, from->geometric),
+                             kl_frame_to_world(&from->frame, dir), KL_INF);
+    ray.time = from->time;
+    return ray;
+}
+
+/* What it brings. */
 KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_view *level1,
                                          const kl_gather_settings *set,
                                          const KL_GLOBAL kl_gather_point *point,
                                          const KL_GLOBAL kl_direction *direction)
 {
-    const kl_vec3 n = kl_oct_decode(point->normal);
-    const kl_vec3 ng = kl_oct_decode(point->geometric);
-    const kl_vec3 dir = kl_gather_toward(point, direction);
-    if (!(kl_dot(dir, ng) > 0.0f)) { /* below the triangle: its own surface, black and near */
+    const kl_stance from = kl_gather_stance(s, point, direction);
+    const kl_ray ray = kl_gather_leave(s, point, direction, &from);
+    if (!(kl_dot(ray.dir, from.geometric) > 0.0f)) { /* its own surface, black and near */
         kl_gather_cell none;
         none.radiance[0] = 0.0f;
         none.radiance[1] = 0.0f;
@@ -202,8 +247,7 @@ KL_FN kl_gather_cell kl_gather_direction(const kl_scene_view *s, const kl_level_
         none.light = 0.0f;
         return none;
     }
-    const kl_vec3 origin = kl_leave_surface(s, kl_v3_load(point->pos), ng);
-    return kl_gather_ray(s, level1, set, n, kl_ray_make(origin, dir, KL_INF),
+    return kl_gather_ray(s, level1, set, from.frame.n, ray, point->on.instance == 0u,
                          kl_sampler_make(direction->index, point->seed));
 }
 

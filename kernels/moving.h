@@ -27,6 +27,13 @@ KL_FN float kl_mix(float a, float b, float share)
 {
     return (1.0f - share) * a + share * b;
 }
+/* When the shutter has let in a share u of the light, in [0, 1]. */
+KL_FN float kl_shutter_time(const KL_GLOBAL float *times, float u)
+{
+    const kl_blend b = kl_blend_at(KL_SHUTTER_TIMES, u);
+    return kl_mix(times[b.step], times[b.step + 1u], b.share);
+}
+
 KL_FN kl_vec3 kl_mix3(kl_vec3 a, kl_vec3 b, float share)
 {
     return kl_v3_mad(kl_v3_scale(a, 1.0f - share), share, b);

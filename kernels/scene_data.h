@@ -154,6 +154,7 @@ KL_ASSERT_SIZE(kl_moving, 20);
 
 #define KL_TIME_REFERENCE 0.5f /* shutter centre: where records live */
 #define KL_VALUE_STEPS    33   /* states of a light or a material that changes */
+#define KL_SHUTTER_TIMES  257  /* of a shutter's curve */
 
 /* The view that every kernel function takes. Not shared bytes: each side fills its own. */
 typedef struct kl_scene_view {
@@ -185,6 +186,8 @@ typedef struct kl_scene_view {
     const KL_GLOBAL struct kl_bvh_leaf *bvh_leaves;
     const KL_GLOBAL kl_u32 *bvh_roots; /* instance_count roots, then the top level's */
     /* With KL_NEED_MOTION; else not read. */
+    const KL_GLOBAL float *shutter_times;    /* KL_SHUTTER_TIMES: when the shutter has let in 0, ...
+                                              * all of the light; in [0, 1] */
     const KL_GLOBAL kl_moving *moving;       /* per instance */
     const KL_GLOBAL float *step_matrices;    /* 3x4 row major, render space from object space */
     const KL_GLOBAL float *step_positions;   /* 3 per vertex of a step */

@@ -256,6 +256,19 @@ KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit
     }
 }
 
+/* As kl_surface_at, seen from the front or the back, whichever way the ray came: for a hit that
+ * was made at another time. */
+KL_FN void kl_surface_of_side(const kl_scene_view *s, const kl_ray *ray, const kl_hit *h, int front,
+                              kl_surface *out)
+{
+    kl_surface_at(s, ray, h, out);
+    if (out->front == front) return;
+    out->front = front;
+    out->geometric = kl_v3_scale(out->geometric, -1.0f);
+    out->smooth = kl_v3_scale(out->smooth, -1.0f);
+    out->shading = kl_v3_scale(out->shading, -1.0f);
+}
+
 /* Ray from a surface point, at the surface's time. */
 KL_FN kl_ray kl_ray_leave(const kl_scene_view *scene, const kl_surface *s, kl_vec3 dir)
 {

@@ -41,7 +41,7 @@ static uint32_t larger(uint32_t a, uint32_t b)
 static kl_status look_at_shutter(struct survey *s, const double origin[3], double time,
                                  struct kl_err *err)
 {
-    const struct kl_motion_span span = {time - 0.5 * shutter, time + 0.5 * shutter};
+    const struct kl_motion_span span = {time - 0.5 * shutter, time + 0.5 * shutter, NULL};
     struct kl_pose *pose = NULL;
     struct kl_flat *flat = NULL;
     struct kl_motion *m = NULL;

@@ -122,6 +122,7 @@ static struct kl_renderer_instants find_instants(const struct kl_job *job, int32
     return (struct kl_renderer_instants){.reference = interval.reference,
                                          .open = interval.open,
                                          .close = interval.close,
+                                         .times = job->shutter_times,
                                          .before = kl_rig_interval(job->rig, frame - 1).reference};
 }
 

@@ -9,7 +9,7 @@
 #include "src/render/renderer.h"
 #include "src/scene/scene.h"
 
-enum { KL_JOB_PATH_SIZE = 4096, KL_SHUTTER_TIMES = 257 };
+enum { KL_JOB_PATH_SIZE = 4096 };
 
 struct kl_job_frame {
     int32_t frame;

@@ -7,6 +7,21 @@
 
 enum { DIRECTION_SETS = 16 };
 
+/* Third Sobol' coordinate of point i (Joe and Kuo 2008: x^2 + x + 1; 1, 3), bits reversed. */
+static uint32_t sobol_third(uint32_t i)
+{
+    uint32_t out = 0;
+    uint32_t before = 1; /* direction numbers, as odd integers below 2^(k+1) */
+    uint32_t now = 1;
+    for (uint32_t k = 0; i >> k != 0; ++k) {
+        const uint32_t next = k == 0 ? 3 : (2 * now) ^ (4 * before) ^ before;
+        if (i >> k & 1) out ^= kl_reverse_bits(now << (31 - k));
+        before = now;
+        now = next;
+    }
+    return out;
+}
+
 /* One net: point i goes to the cell it falls in. Every cell gets exactly one point, because a
  * prefix of 4^k points of a (0,2)-sequence is a full net. */
 static void fill_directions(kl_direction *out, uint32_t side, uint32_t seed)
@@ -16,7 +31,8 @@ static void fill_directions(kl_direction *out, uint32_t side, uint32_t seed)
         const uint32_t x = (uint32_t)(u.x * (float)side);
         const uint32_t y = (uint32_t)(u.y * (float)side);
         const kl_vec2 p = kl_concentric_disc(u);
-        out[y * side + x] = (kl_direction){p.x, p.y, i, 0};
+        const uint32_t when = kl_reverse_bits(kl_owen_hash(sobol_third(i), kl_hash(~seed)));
+        out[y * side + x] = (kl_direction){p.x, p.y, i, kl_unit_float(when)};
     }
 }
 

@@ -125,7 +125,7 @@ kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *lev
                          const kl_gather_point *points, size_t count, kl_gather_result *results,
                          struct kl_fill_stats *stats, struct kl_err *err)
 {
-    struct kl_gather_job gather = {.scene = job->scene,
+    struct kl_gather_job gather = {.scene = job->motion,
                                    .level1 = level1,
                                    .ladder = ladder_for(job, level, level1, count),
                                    .settings = job->gather,
@@ -155,8 +155,9 @@ static kl_status gather_and_insert(const struct kl_fill_job *job, uint32_t level
 
     if (st != KL_OK) goto cleanup;
     for (size_t i = 0; i < n; ++i) {
-        b.points[i] = kl_fill_gather_point(chosen[i].pos, kl_oct_encode(chosen[i].normal),
-                                           kl_oct_encode(chosen[i].geometric), level);
+        b.points[i] =
+            kl_fill_gather_point(job->motion, chosen[i].pos, kl_oct_encode(chosen[i].normal),
+                                 kl_oct_encode(chosen[i].geometric), level);
     }
     st = kl_fill_gather(job, &level1, level, b.points, n, b.results, stats, err);
     if (st != KL_OK) goto cleanup;

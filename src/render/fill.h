@@ -16,7 +16,8 @@ typedef kl_status (*kl_batch_fn)(void *context, uint32_t level, const kl_record_
                                  const kl_record_cold *cold, uint32_t count, struct kl_err *err);
 
 struct kl_fill_job {
-    const kl_scene_view *scene;
+    const kl_scene_view *scene, *motion; /* at the reference instant; while the shutter is open,
+                                          * where rays have times: the same if nothing moves */
     struct kl_cache *cache;
     float scene_radius;
     struct kl_radius_settings radius; /* accuracy is the cache's own */

@@ -179,7 +179,23 @@ bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, 
     return kl_dot(out->smooth, n) > KL_SAME_SIDE;
 }
 
-kl_gather_point kl_fill_gather_point(kl_vec3 pos, kl_u32 normal, kl_u32 geometric, uint32_t level)
+kl_ride kl_fill_find_ride(const kl_scene_view *motion, kl_vec3 pos, kl_u32 geometric)
+{
+    const kl_vec3 n = kl_oct_decode(geometric);
+    const kl_vec3 from = kl_leave_surface(motion, pos, n);
+    kl_ride ride = {0, KL_NONE, 0.0f, 0.0f};
+    kl_hit hit;
+
+    if (!KL_NEEDS(motion, KL_NEED_MOTION)) return ride;
+    const float height = kl_length(kl_v3_sub(from, pos));
+    const kl_ray ray = kl_ray_make(from, kl_v3_scale(n, -1.0f), 2.0f * height);
+    if (!kl_trace_closest(motion, &ray, &hit)) return ride;
+    if (!kl_instance_moves(motion, hit.instance)) return ride;
+    return (kl_ride){hit.instance, hit.triangle, hit.u, hit.v};
+}
+
+kl_gather_point kl_fill_gather_point(const kl_scene_view *motion, kl_vec3 pos, kl_u32 normal,
+                                     kl_u32 geometric, uint32_t level)
 {
     kl_gather_point p;
     p.pos[0] = pos.x;
@@ -191,5 +207,6 @@ kl_gather_point kl_fill_gather_point(kl_vec3 pos, kl_u32 normal, kl_u32 geometri
     const float angle = kl_unit_float(kl_hash(p.seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
     p.rot_cos = cosf(angle);
     p.rot_sin = sinf(angle);
+    p.on = kl_fill_find_ride(motion, pos, geometric);
     return p;
 }

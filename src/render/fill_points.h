@@ -25,8 +25,12 @@ kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **
 /* The surface under a record, seen from its side. False: there is none, or it faces elsewhere. */
 bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, kl_surface *out);
 
+/* What a point on a surface lies on: kl_ride. `motion`: kl_fill_job. */
+kl_ride kl_fill_find_ride(const kl_scene_view *motion, kl_vec3 pos, kl_u32 geometric);
+
 /* Where, and with which seed, a record of `level` gathers. Normals are octahedral. */
-kl_gather_point kl_fill_gather_point(kl_vec3 pos, kl_u32 normal, kl_u32 geometric, uint32_t level);
+kl_gather_point kl_fill_gather_point(const kl_scene_view *motion, kl_vec3 pos, kl_u32 normal,
+                                     kl_u32 geometric, uint32_t level);
 
 /* Gather records of `level` with rays that end in `level1`; counts the rays. */
 kl_status kl_fill_gather(const struct kl_fill_job *job, const kl_level_view *level1, uint32_t level,

@@ -1,6 +1,7 @@
 /* Which rays of a record are shot again, and what its light is then: docs/decisions/0018-ledger.md.
  */
 #include "src/cache/record.h"
+#include "src/render/fill_points.h"
 #include "src/render/ledger_impl.h"
 
 #include <math.h>
@@ -75,13 +76,14 @@ static bool is_noted(const struct kl_ledger_refresh *r, const struct kl_ledger_e
 
 /* `except`: the object that the record rides on, which stands in its own way as before. */
 static enum kl_ledger_kind judge(const struct kl_ledger_refresh *r, const struct kl_ledger_entry *e,
-                                 const kl_gather_cell *c, kl_vec3 dir, uint32_t except)
+                                 const kl_gather_cell *c, const kl_ray *ray, uint32_t except)
 {
     const struct kl_moved *m = r->moved;
     const enum kl_ledger_kind still =
         is_in(r->stir->objects, c->touch & 255u) ? KL_RAY_DIMS : KL_RAY_STILL;
     const enum kl_ledger_kind otherwise = except != KL_NONE ? KL_RAY_RIDES : still;
-    const kl_vec3 pos = kl_v3_load(e->point.pos);
+    const kl_vec3 pos = ray->origin;
+    const kl_vec3 dir = ray->dir;
     const float t = fabsf(c->distance);
 
     if (c->touch == KL_NONE) return otherwise; /* below its own triangle */
@@ -135,6 +137,7 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
         e->step = kl_length(kl_v3_sub(pos, was));
         if (kl_dot(normal, kl_oct_decode(e->point.normal)) < turned) e->step = KL_INF;
     }
+    e->point.on = kl_fill_find_ride(refresh->job->motion, pos, e->point.geometric);
     e->dropped =
         e->age_frames == 0 || object->deformed ||
         kl_moved_meets(m->is, m->count, object->moved ? e->object : KL_NONE, pos, normal, 0.0f);
@@ -164,7 +167,7 @@ static void shoot_ray(const struct kl_ledger_refresh *r, struct kl_ledger_entry 
                       struct stratum *s)
 {
     const kl_gather_cell was = e->cells[i];
-    const kl_gather_cell is = kl_gather_direction(r->job->scene, &r->level1, set, &e->point, d);
+    const kl_gather_cell is = kl_gather_direction(r->job->motion, &r->level1, set, &e->point, d);
 
     for (int k = 0; k < 3; ++k) {
         s->change[k] += (double)is.radiance[k] - (double)was.radiance[k];
@@ -188,8 +191,9 @@ static void shoot(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
     for (uint32_t i = 0; i < e->side * e->side; ++i) {
         const kl_gather_cell *c = &e->cells[i];
         const kl_direction *d = &directions[i];
-        const kl_vec3 dir = kl_gather_toward(&e->point, d);
-        enum kl_ledger_kind kind = judge(r, e, c, dir, rides ? e->object : KL_NONE);
+        const kl_stance from = kl_gather_stance(r->job->motion, &e->point, d);
+        const kl_ray ray = kl_gather_leave(r->job->motion, &e->point, d, &from);
+        enum kl_ledger_kind kind = judge(r, e, c, &ray, rides ? e->object : KL_NONE);
         if (fabsf(c->distance) <= near_steps * e->step) kind = KL_RAY_TOUCHED;
         if (kind <= KL_RAY_DIMS && e->waits[i] > 0) kind = KL_RAY_LAGS;
         if (is_steady(kind) && e->waits[i] < UINT8_MAX) ++e->waits[i];

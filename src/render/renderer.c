@@ -153,8 +153,8 @@ static kl_status make_parts(struct kl_renderer *r, const struct kl_pose *pose, s
 static kl_status set_motion(struct kl_renderer *r, const struct kl_pose *pose,
                             const struct kl_renderer_instants *t, struct kl_err *err)
 {
-    const struct kl_motion_span open = {t->open, t->close};
-    const struct kl_motion_span before = {t->before, t->before};
+    const struct kl_motion_span open = {t->open, t->close, t->times};
+    const struct kl_motion_span before = {t->before, t->before, NULL};
     kl_status st = KL_OK;
 
     if (r->moving && t->close > t->open) {
@@ -171,9 +171,23 @@ static kl_status set_motion(struct kl_renderer *r, const struct kl_pose *pose,
                              : kl_tracer_create(r->flat, &r->tracer, err);
 }
 
+/* While the shutter is open records are means over it. */
+static void digest_instant(struct kl_renderer *r)
+{
+    struct kl_hash hash;
+
+    kl_flat_digest(r->flat, r->scene_digest);
+    if (r->motion == NULL) return;
+    kl_hash_init(&hash);
+    kl_hash_update(&hash, r->scene_digest, sizeof r->scene_digest);
+    kl_motion_digest(r->motion, &hash);
+    kl_hash_finish(&hash, r->scene_digest);
+}
+
 kl_status kl_renderer_set_time(struct kl_renderer *renderer, double time, struct kl_err *err)
 {
-    const struct kl_renderer_instants instants = {time, time, time, time};
+    const struct kl_renderer_instants instants = {
+        .reference = time, .open = time, .close = time, .before = time};
     return kl_renderer_set_instants(renderer, &instants, err);
 }
 
@@ -203,7 +217,7 @@ kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
         leave_instant(r);
         return st;
     }
-    kl_flat_digest(r->flat, r->scene_digest);
+    digest_instant(r);
     r->reference = time;
     r->earlier = instants->before;
     r->ready = true;
@@ -297,7 +311,7 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
 {
     struct kl_renderer *r = renderer;
     struct kl_frame_job job = {
-        .shade = {.scene = r->motion != NULL ? &r->motion->view : &r->flat->view,
+        .shade = {.scene = kl_renderer_motion(r),
                   .reference = kl_renderer_reference(r),
                   .swept = r->swept,
                   .indirect = r->settings.indirect,

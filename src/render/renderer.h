@@ -38,6 +38,8 @@ void kl_renderer_destroy(struct kl_renderer *renderer); /* accepts NULL */
 struct kl_renderer_instants {
     double reference;   /* the shutter's centre: where records live */
     double open, close; /* the same twice: no blur */
+    const float *times; /* when the shutter has let in 0, ..., all of the light, KL_SHUTTER_TIMES in
+                         * [0, 1]; NULL: open all the time */
     double before;      /* reference of the frame before: motion vectors */
 };
 /* Go to a frame's instants: as kl_renderer_set_time, and what moves is blurred. */

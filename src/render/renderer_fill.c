@@ -42,6 +42,7 @@ static struct kl_verify_job verify_job(const struct kl_renderer *r, const struct
 {
     return (struct kl_verify_job){
         .scene = kl_renderer_reference(r),
+        .motion = kl_renderer_motion(r),
         .cache = kl_cache_view(r->cache, 0),
         .query = kl_renderer_eye_query(),
         .cameras = cameras,
@@ -131,6 +132,7 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
     const bool keep = fill->keep && r->store != NULL;
     struct kl_fill_job job = {
         .scene = kl_renderer_reference(r),
+        .motion = kl_renderer_motion(r),
         .scene_radius = r->flat->radius,
         .radius = {r->settings.radius, 0.0f, r->flat->radius},
         .cameras = fill->cameras,

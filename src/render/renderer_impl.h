@@ -76,6 +76,12 @@ static inline const kl_scene_view *kl_renderer_reference(const struct kl_rendere
     return r->motion != NULL ? &r->motion->reference : &r->flat->view;
 }
 
+/* The scene while the shutter is open. */
+static inline const kl_scene_view *kl_renderer_motion(const struct kl_renderer *r)
+{
+    return r->motion != NULL ? &r->motion->view : &r->flat->view;
+}
+
 /* Rays a side for at least so many rays, and the tables for it, made when first needed. */
 uint32_t kl_renderer_side_for(uint32_t rays);
 kl_status kl_renderer_get_tables(struct kl_renderer *r, uint32_t side,

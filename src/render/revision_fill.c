@@ -41,7 +41,7 @@ static kl_status gather_some(const struct again *a, const uint32_t *numbers, uin
             level->fate[numbers[i]] = KL_FATE_DROP;
             continue;
         }
-        points[n] = kl_fill_gather_point(kl_v3_load(level->hot[numbers[i]].pos),
+        points[n] = kl_fill_gather_point(job->motion, kl_v3_load(level->hot[numbers[i]].pos),
                                          level->hot[numbers[i]].normal,
                                          kl_oct_encode(surface.geometric), a->level);
         used[n++] = numbers[i];

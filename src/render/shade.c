@@ -97,12 +97,7 @@ static void carry(const kl_scene_view *scene, const kl_ray *ray, kl_hit hit, con
 {
     /* While the shutter is open merged things that move are instances of their own. */
     if (hit.instance >= scene->instance_count) hit.instance = 0;
-    kl_surface_at(scene, ray, &hit, out);
-    if (out->front != now->front) {
-        out->geometric = kl_v3_scale(out->geometric, -1.0f);
-        out->smooth = kl_v3_scale(out->smooth, -1.0f);
-        out->shading = kl_v3_scale(out->shading, -1.0f);
-    }
+    kl_surface_of_side(scene, ray, &hit, now->front, out);
 }
 
 /* The surface point of a hit at the reference instant: `now` where it does not move, else *moved.
@@ -115,21 +110,17 @@ static const kl_surface *carry_back(const struct kl_shade_context *context, cons
     return moved;
 }
 
-/* Irradiance by one short path, for samples that no record serves: in `scene`, at a time. Unbiased.
- */
-static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_scene_view *scene,
-                               float time, const kl_surface *surface, kl_sampler *sampler,
-                               struct kl_counts *counts)
+/* Irradiance by one short path, for samples that no record serves, at their own time. Unbiased. */
+static kl_vec3 late_irradiance(const struct kl_shade_context *context, const kl_surface *surface,
+                               kl_sampler *sampler, struct kl_counts *counts)
 {
     const kl_frame f = kl_frame_from_normal(surface->smooth);
     const kl_vec3 dir = kl_frame_to_world(&f, kl_cosine_direction(kl_sampler_2d(sampler)));
     ++counts->late;
     if (!(kl_dot(dir, surface->geometric) > 0.0f)) return kl_v3_splat(0.0f);
-    kl_ray ray =
-        kl_ray_make(kl_leave_surface(scene, surface->pos, surface->geometric), dir, KL_INF);
-    ray.time = time;
-    const kl_gather_cell cell =
-        kl_gather_ray(scene, &context->levels[1], &context->gather, surface->smooth, ray, *sampler);
+    const kl_ray ray = kl_ray_leave(context->scene, surface, dir);
+    const kl_gather_cell cell = kl_gather_ray(context->scene, &context->levels[1], &context->gather,
+                                              surface->smooth, ray, 0, *sampler);
     ++sampler->dim;
     return kl_v3_scale(kl_v3(cell.radiance[0], cell.radiance[1], cell.radiance[2]), KL_PI);
 }
@@ -201,7 +192,7 @@ static kl_answer ask_all(const struct kl_shade_context *context, const struct sp
     return mean;
 }
 
-/* Indirect irradiance at a hit, at the reference instant: the records, else a short path. */
+/* Indirect irradiance at a hit: the records, else a short path. */
 static kl_answer find_irradiance(const struct kl_shade_context *context, const struct spot *spot,
                                  struct kl_reuse *reuse, kl_sampler *sampler,
                                  struct kl_counts *counts, float *late)
@@ -218,8 +209,7 @@ static kl_answer find_irradiance(const struct kl_shade_context *context, const s
         return a;
     }
     *late = 1.0f;
-    a.irr =
-        late_irradiance(context, context->reference, KL_TIME_REFERENCE, spot->at, sampler, counts);
+    a.irr = late_irradiance(context, spot->now, sampler, counts);
     return a;
 }
 
@@ -231,7 +221,7 @@ static kl_answer uncovered_irradiance(const struct kl_shade_context *context,
 {
     kl_answer a = {0};
     *late = 1.0f;
-    a.irr = late_irradiance(context, context->scene, surface->time, surface, sampler, counts);
+    a.irr = late_irradiance(context, surface, sampler, counts);
     return a;
 }
 

@@ -54,7 +54,7 @@ static kl_status choose_points(const struct kl_verify_job *job, uint32_t camera,
         const size_t first = k * visible / n;
         const size_t room = (k + 1) * visible / n - first;
         const struct kl_point *p = &all[first + kl_hash2((uint32_t)k, camera) % room];
-        out->gather[k] = kl_fill_gather_point(p->pos, kl_oct_encode(p->smooth),
+        out->gather[k] = kl_fill_gather_point(job->motion, p->pos, kl_oct_encode(p->smooth),
                                               kl_oct_encode(p->geometric), KL_CACHE_LEVELS);
         out->where[k] = *p;
     }
@@ -139,7 +139,7 @@ static kl_status gather(const struct kl_verify_job *job, struct points *points, 
 {
     const kl_level_view nothing = {.head = {.record_count = 0}};
     const struct kl_gather_job gather = {
-        .scene = job->scene,
+        .scene = job->motion,
         .level1 = job->level1 != NULL ? job->level1 : &nothing,
         .ladder = job->ladder,
         .settings = job->gather,

@@ -5,9 +5,9 @@
 #include "src/render/fill.h"
 
 struct kl_verify_job {
-    const kl_scene_view *scene;
-    kl_level_view cache;             /* records of level 0 */
-    kl_query query;                  /* as frames ask */
+    const kl_scene_view *scene, *motion; /* as kl_fill_job */
+    kl_level_view cache;                 /* records of level 0 */
+    kl_query query;                      /* as frames ask */
     const kl_level_view *level1;     /* what gather rays may end in, NULL: they go on as paths */
     const struct kl_camera *cameras; /* one per frame */
     uint32_t camera_count;

@@ -451,6 +451,11 @@ static void set_views(struct kl_motion_job *job)
     m->reference.instances = m->instances;
     m->view = m->reference;
     m->view.needs |= KL_NEED_MOTION;
+    for (int i = 0; i < KL_SHUTTER_TIMES; ++i) {
+        m->shutter_times[i] =
+            job->span.times != NULL ? job->span.times[i] : (float)i / (float)(KL_SHUTTER_TIMES - 1);
+    }
+    m->view.shutter_times = m->shutter_times;
     m->view.moving = m->moving;
     m->view.step_matrices = m->matrices;
     m->view.step_positions = m->positions;
@@ -556,6 +561,7 @@ void kl_motion_digest(const struct kl_motion *motion, struct kl_hash *hash)
 {
     const struct kl_motion *m = motion;
     if (m == NULL) return;
+    add(hash, m->shutter_times, KL_SHUTTER_TIMES, sizeof *m->shutter_times);
     add(hash, m->moving, m->instance_count, sizeof *m->moving);
     add(hash, m->matrices, m->matrix_count, 12 * sizeof(float));
     add(hash, m->positions, m->vertex_count, 3 * sizeof(float));

@@ -11,6 +11,7 @@
 /* Instants [s]. Where both are the same, everything has a single state: that of this instant. */
 struct kl_motion_span {
     double open, close;
+    const float *times; /* kl_scene_view.shutter_times; NULL: open all the time */
 };
 
 struct kl_motion {
@@ -25,6 +26,7 @@ struct kl_motion {
     kl_moving *moving; /* per instance */
     size_t matrix_count, vertex_count;
     float *matrices, *positions, *normals, *tangents;
+    float shutter_times[KL_SHUTTER_TIMES];
     kl_triangle *triangles; /* the flat scene's with other numbers of lights; NULL: the same */
     uint32_t light_count, light_node_count; /* 0: the flat scene's lights */
     kl_light *lights;

@@ -90,7 +90,7 @@ struct made {
 static void make(struct world *w, double time, double open, double close, struct made *m)
 {
     const double origin[3] = {0.25, -0.5, 1.0};
-    const struct kl_motion_span span = {open, close};
+    const struct kl_motion_span span = {open, close, NULL};
     struct kl_err err = {0};
     *m = (struct made){0};
     kl_status st = kl_pose_create(&w->scene, KL_NONE, time, &m->pose, &err);
