@@ -100,6 +100,23 @@ KL_FN kl_bvh_slabs kl_bvh_slabs_make(kl_vec3 origin, kl_vec3 dir, float tmin)
 /* Edge functions that differ from 0 by less than this part of their sum count as 0: 2^-23. */
 #define KL_BVH_EDGE 1.1920929e-7f
 
+/* Where a ray meets a triangle whose corners are relative to its origin. 0: not between tmin and
+ * tmax. */
+KL_FN int kl_bvh_triangle(const kl_corners *k, kl_vec3 d, float tmin, float tmax, float *t)
+{
+    const float u = kl_edge_function(k->c, k->a, d);
+    const float v = kl_edge_function(k->a, k->b, d);
+    const float w = kl_edge_function(k->b, k->c, d);
+    const float sum = u + v + w;
+    const float eps = kl_fabs(sum) * KL_BVH_EDGE;
+    if (!(kl_fmin(kl_fmin(u, v), w) >= -eps || kl_fmax(kl_fmax(u, v), w) <= eps)) return 0;
+    const kl_vec3 normal = kl_cross(kl_v3_sub(k->a, k->b), kl_v3_sub(k->c, k->a));
+    const float den = kl_dot(normal, d);
+    if (den == 0.0f) return 0; /* the ray lies in the plane */
+    *t = kl_dot(k->a, normal) / den;
+    return *t > tmin && *t < tmax;
+}
+
 /* How a ray meets a pack: lanes that are hit, and their distance. Where on the triangle is asked
  * only of the nearest in the end: kl_hit_settle. */
 typedef struct kl_bvh_lanes {
@@ -206,22 +223,11 @@ KL_FN void kl_bvh_pack(const KL_GLOBAL kl_bvh_leaf *leaf, kl_vec3 o, kl_vec3 d, 
     out->mask = 0u;
     for (kl_u32 i = 0u; i < KL_BVH_PACK; ++i) {
         const KL_GLOBAL float *p = leaf->v + i;
-        const kl_vec3 a = kl_v3_sub(kl_v3(p[0], p[4], p[8]), o);
-        const kl_vec3 b = kl_v3_sub(kl_v3(p[12], p[16], p[20]), o);
-        const kl_vec3 c = kl_v3_sub(kl_v3(p[24], p[28], p[32]), o);
-        const float u = kl_edge_function(c, a, d);
-        const float v = kl_edge_function(a, b, d);
-        const float w = kl_edge_function(b, c, d);
-        const float sum = u + v + w;
-        const float eps = kl_fabs(sum) * KL_BVH_EDGE;
-        if (!(kl_fmin(kl_fmin(u, v), w) >= -eps || kl_fmax(kl_fmax(u, v), w) <= eps)) continue;
-        const kl_vec3 normal = kl_cross(kl_v3_sub(a, b), kl_v3_sub(c, a));
-        const float den = kl_dot(normal, d);
-        if (den == 0.0f) continue; /* the ray lies in the plane */
-        const float t = kl_dot(a, normal) / den;
-        if (!(t > tmin && t < tmax)) continue;
-        out->mask |= 1u << i;
-        out->t[i] = t;
+        kl_corners k;
+        k.a = kl_v3_sub(kl_v3(p[0], p[4], p[8]), o);
+        k.b = kl_v3_sub(kl_v3(p[12], p[16], p[20]), o);
+        k.c = kl_v3_sub(kl_v3(p[24], p[28], p[32]), o);
+        if (kl_bvh_triangle(&k, d, tmin, tmax, &out->t[i])) out->mask |= 1u << i;
     }
 }
 #endif
@@ -254,16 +260,50 @@ KL_FN void kl_bvh_push(const kl_scene_view *scene, kl_bvh_stack *stack,
     }
 }
 
-/* All packs of a leaf; improves *hit (its t is the limit). 1 if anything was hit. */
-KL_FN int kl_bvh_leaf_closest(const KL_GLOBAL kl_bvh_leaf *leaves, kl_u32 child, kl_vec3 origin,
-                              kl_vec3 dir, float tmin, kl_hit *hit)
+/* What a tree of triangles is asked: a ray in its space, with its length kept in units of the
+ * render-space direction, so that distances compare across instances. */
+typedef struct kl_bvh_ray {
+    kl_vec3 origin, dir;
+    float tmin, time;
+    const KL_GLOBAL kl_moving *bends; /* whose triangles have other corners at other times; NULL */
+} kl_bvh_ray;
+
+/* How it meets the triangles of a pack where these are at its time. */
+KL_FN void kl_bvh_pack_at(const kl_scene_view *scene, const KL_GLOBAL kl_bvh_leaf *leaf,
+                          const kl_bvh_ray *ray, float tmax, kl_bvh_lanes *out)
 {
+    out->mask = 0u;
+    for (kl_u32 i = 0u; i < KL_BVH_PACK && leaf->triangle[i] != KL_NONE; ++i) {
+        kl_corners k = kl_corners_at(ray->bends, scene->step_positions,
+                                     &scene->triangles[leaf->triangle[i]], ray->time);
+        k.a = kl_v3_sub(k.a, ray->origin);
+        k.b = kl_v3_sub(k.b, ray->origin);
+        k.c = kl_v3_sub(k.c, ray->origin);
+        if (kl_bvh_triangle(&k, ray->dir, ray->tmin, tmax, &out->t[i])) out->mask |= 1u << i;
+    }
+}
+
+KL_FN void kl_bvh_meet(const kl_scene_view *scene, const KL_GLOBAL kl_bvh_leaf *leaf,
+                       const kl_bvh_ray *ray, float tmax, kl_bvh_lanes *out)
+{
+    if (KL_NEEDS(scene, KL_NEED_MOTION) && ray->bends != 0) {
+        kl_bvh_pack_at(scene, leaf, ray, tmax, out);
+    } else {
+        kl_bvh_pack(leaf, ray->origin, ray->dir, ray->tmin, tmax, out);
+    }
+}
+
+/* All packs of a leaf; improves *hit (its t is the limit). 1 if anything was hit. */
+KL_FN int kl_bvh_leaf_closest(const kl_scene_view *scene, kl_u32 child, const kl_bvh_ray *ray,
+                              kl_hit *hit)
+{
+    const KL_GLOBAL kl_bvh_leaf *leaves = scene->bvh_leaves;
     const kl_u32 first = (child & ~KL_BVH_LEAF) >> 2;
     const kl_u32 end = first + (child & 3u) + 1u;
     int found = 0;
     for (kl_u32 i = first; i < end; ++i) {
         kl_bvh_lanes lanes;
-        kl_bvh_pack(leaves + i, origin, dir, tmin, hit->t, &lanes);
+        kl_bvh_meet(scene, leaves + i, ray, hit->t, &lanes);
         while (lanes.mask != 0u) {
             const kl_u32 k = kl_ctz(lanes.mask);
             lanes.mask &= lanes.mask - 1u;
@@ -278,9 +318,9 @@ KL_FN int kl_bvh_leaf_closest(const KL_GLOBAL kl_bvh_leaf *leaves, kl_u32 child,
 
 /* The triangles below `root`, from the entries above stack->size on: the caller's stay. */
 KL_FN int kl_bvh_tree_closest(const kl_scene_view *scene, kl_u32 root, kl_bvh_stack *stack,
-                              kl_vec3 origin, kl_vec3 dir, float tmin, kl_hit *hit)
+                              const kl_bvh_ray *ray, kl_hit *hit)
 {
-    const kl_bvh_slabs slabs = kl_bvh_slabs_make(origin, dir, tmin);
+    const kl_bvh_slabs slabs = kl_bvh_slabs_make(ray->origin, ray->dir, ray->tmin);
     const kl_u32 base = stack->size;
     kl_u32 current = root;
     int found = 0;
@@ -295,7 +335,7 @@ KL_FN int kl_bvh_tree_closest(const kl_scene_view *scene, kl_u32 root, kl_bvh_st
             }
             kl_bvh_push(scene, stack, node, mask, tnear);
         } else {
-            found |= kl_bvh_leaf_closest(scene->bvh_leaves, current, origin, dir, tmin, hit);
+            found |= kl_bvh_leaf_closest(scene, current, ray, hit);
         }
         do {
             if (stack->size == base) return found;
@@ -305,23 +345,23 @@ KL_FN int kl_bvh_tree_closest(const kl_scene_view *scene, kl_u32 root, kl_bvh_st
     }
 }
 
-KL_FN int kl_bvh_leaf_any(const KL_GLOBAL kl_bvh_leaf *leaves, kl_u32 child, kl_vec3 origin,
-                          kl_vec3 dir, float tmin, float tmax)
+KL_FN int kl_bvh_leaf_any(const kl_scene_view *scene, kl_u32 child, const kl_bvh_ray *ray,
+                          float tmax)
 {
     const kl_u32 first = (child & ~KL_BVH_LEAF) >> 2;
     const kl_u32 end = first + (child & 3u) + 1u;
     for (kl_u32 i = first; i < end; ++i) {
         kl_bvh_lanes lanes;
-        kl_bvh_pack(leaves + i, origin, dir, tmin, tmax, &lanes);
+        kl_bvh_meet(scene, scene->bvh_leaves + i, ray, tmax, &lanes);
         if (lanes.mask != 0u) return 1;
     }
     return 0;
 }
 
 KL_FN int kl_bvh_tree_any(const kl_scene_view *scene, kl_u32 root, kl_bvh_stack *stack,
-                          kl_vec3 origin, kl_vec3 dir, float tmin, float tmax)
+                          const kl_bvh_ray *ray, float tmax)
 {
-    const kl_bvh_slabs slabs = kl_bvh_slabs_make(origin, dir, tmin);
+    const kl_bvh_slabs slabs = kl_bvh_slabs_make(ray->origin, ray->dir, ray->tmin);
     const kl_u32 base = stack->size;
     kl_u32 current = root;
     for (;;) {
@@ -333,7 +373,7 @@ KL_FN int kl_bvh_tree_any(const kl_scene_view *scene, kl_u32 root, kl_bvh_stack 
                 stack->child[stack->size++] = node->child[kl_ctz(mask)];
                 mask &= mask - 1u;
             }
-        } else if (kl_bvh_leaf_any(scene->bvh_leaves, current, origin, dir, tmin, tmax)) {
+        } else if (kl_bvh_leaf_any(scene, current, ray, tmax)) {
             return 1;
         }
         if (stack->size == base) return 0;
@@ -341,21 +381,37 @@ KL_FN int kl_bvh_tree_any(const kl_scene_view *scene, kl_u32 root, kl_bvh_stack 
     }
 }
 
-/* One instance: the ray goes to object space with its length kept in units of the render-space
- * direction, so distances compare across instances. */
+/* A ray in the space of an instance's tree. */
+KL_FN kl_bvh_ray kl_bvh_enter(const kl_scene_view *scene, kl_u32 index, const kl_ray *ray)
+{
+    kl_bvh_ray r;
+    r.origin = ray->origin;
+    r.dir = ray->dir;
+    r.tmin = ray->tmin;
+    r.time = ray->time;
+    r.bends = 0;
+    if (index == 0u) return r;
+    if (!kl_instance_moves(scene, index)) {
+        const KL_GLOBAL float *m = scene->instances[index].object_from_render;
+        r.origin = kl_affine_point(m, r.origin);
+        r.dir = kl_affine_vector(m, r.dir);
+    } else if (scene->moving[index].deforms) {
+        r.bends = &scene->moving[index];
+    } else {
+        const kl_map x = kl_map_at(scene, &scene->moving[index], ray->time);
+        r.origin = kl_map_back(&x, kl_v3_sub(r.origin, kl_v3(x.m[3], x.m[7], x.m[11])));
+        r.dir = kl_map_back(&x, r.dir);
+    }
+    return r;
+}
+
 KL_FN int kl_bvh_instance_closest(const kl_scene_view *scene, kl_u32 index, kl_bvh_stack *stack,
                                   const kl_ray *ray, kl_hit *hit)
 {
     const kl_u32 root = scene->bvh_roots[index];
-    const KL_GLOBAL float *m = scene->instances[index].object_from_render;
-    kl_vec3 origin = ray->origin;
-    kl_vec3 dir = ray->dir;
     if (root == KL_NONE) return 0;
-    if (index != 0u) {
-        origin = kl_affine_point(m, origin);
-        dir = kl_affine_vector(m, dir);
-    }
-    if (!kl_bvh_tree_closest(scene, root, stack, origin, dir, ray->tmin, hit)) return 0;
+    const kl_bvh_ray r = kl_bvh_enter(scene, index, ray);
+    if (!kl_bvh_tree_closest(scene, root, stack, &r, hit)) return 0;
     hit->instance = index;
     return 1;
 }
@@ -364,15 +420,9 @@ KL_FN int kl_bvh_instance_any(const kl_scene_view *scene, kl_u32 index, kl_bvh_s
                               const kl_ray *ray)
 {
     const kl_u32 root = scene->bvh_roots[index];
-    const KL_GLOBAL float *m = scene->instances[index].object_from_render;
-    kl_vec3 origin = ray->origin;
-    kl_vec3 dir = ray->dir;
     if (root == KL_NONE) return 0;
-    if (index != 0u) {
-        origin = kl_affine_point(m, origin);
-        dir = kl_affine_vector(m, dir);
-    }
-    return kl_bvh_tree_any(scene, root, stack, origin, dir, ray->tmin, ray->tmax);
+    const kl_bvh_ray r = kl_bvh_enter(scene, index, ray);
+    return kl_bvh_tree_any(scene, root, stack, &r, ray->tmax);
 }
 
 /* The tree of instances: the next instance whose box the ray may meet before `tmax`, KL_NONE at the

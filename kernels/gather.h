@@ -45,7 +45,6 @@ typedef struct kl_gather_cell {
     float light;   /* [m] how far away that is; 0: none was, KL_INF: the sky */
 } kl_gather_cell;
 KL_ASSERT_SIZE(kl_gather_cell, 32);
-#define KL_TOUCH_NONE 255u
 
 KL_FN float kl_cell_inverse(const KL_GLOBAL kl_gather_cell *c)
 {

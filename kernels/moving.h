@@ -96,6 +96,18 @@ KL_FN kl_vec3 kl_map_point(const kl_map *x, kl_vec3 p)
                  m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
                  m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
 }
+/* The vector that becomes v. */
+KL_FN kl_vec3 kl_map_back(const kl_map *x, kl_vec3 v)
+{
+    const float *m = x->m;
+    const kl_vec3 a = kl_v3(m[0], m[4], m[8]);
+    const kl_vec3 b = kl_v3(m[1], m[5], m[9]);
+    const kl_vec3 c = kl_v3(m[2], m[6], m[10]);
+    const kl_vec3 bc = kl_cross(b, c);
+    const float scale = 1.0f / kl_dot(a, bc);
+    return kl_v3_scale(kl_v3(kl_dot(bc, v), kl_dot(kl_cross(c, a), v), kl_dot(kl_cross(a, b), v)),
+                       scale);
+}
 /* By the inverse transpose up to a positive factor. */
 KL_FN kl_vec3 kl_map_normal(const kl_map *x, kl_vec3 n)
 {

@@ -31,6 +31,7 @@ KL_ASSERT_SIZE(kl_part, 96);
  * should; the bits of what rays hit and of what lit it are apart, as a lamp lights nearly all. */
 #define KL_TOUCH_OBJECTS     48u /* bits 0..47: rays hit the object */
 #define KL_TOUCH_LIGHTS      15u /* bits 48..62: the light, or the glowing object, lit what they hit */
+#define KL_TOUCH_NONE        255u /* no bit */
 #define KL_TOUCH_ENVIRONMENT 63u
 
 KL_FN kl_u32 kl_part_hit_bit(const kl_part *part)

@@ -35,7 +35,17 @@ KL_ASSERT_SIZE(kl_scene_scalars, 48);
     X(kl_u32, touch_bits)                                                                          \
     X(struct kl_bvh_node, bvh_nodes)                                                               \
     X(struct kl_bvh_leaf, bvh_leaves)                                                              \
-    X(kl_u32, bvh_roots)
+    X(kl_u32, bvh_roots)                                                                           \
+    X(float, shutter_times)                                                                        \
+    X(kl_moving, moving)                                                                           \
+    X(float, step_matrices)                                                                        \
+    X(float, step_positions)                                                                       \
+    X(float, step_normals)                                                                         \
+    X(float, step_tangents)                                                                        \
+    X(kl_u32, light_motion)                                                                        \
+    X(kl_light, step_lights)                                                                       \
+    X(kl_u32, material_motion)                                                                     \
+    X(kl_material, step_materials)
 
 /* In a kernel: `__kernel void f(KL_SCENE_PARAMS, ...) { KL_SCENE_VIEW; ... }`: the view is `scene`.
  */

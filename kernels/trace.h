@@ -1,5 +1,4 @@
-/* Rays and hits. The host answers with Embree (src/trace/tracer.c), devices with kernels/bvh.h, at
- * the reference instant only. */
+/* Rays and hits. The host answers with Embree (src/trace/tracer.c), devices with kernels/bvh.h. */
 #ifndef KL_KERNELS_TRACE_H
 #define KL_KERNELS_TRACE_H
 #include "kernels/moving.h"
@@ -39,19 +38,20 @@ KL_FN float kl_edge_function(kl_vec3 q, kl_vec3 p, kl_vec3 d)
 }
 
 /* Where the ray meets the triangle that *hit names: tracers find triangles, and differ in the last
- * digits of all else. After this two of them agree to the bit wherever they found the same one. Not
- * for what moves. */
+ * digits of all else. After this two of them agree to the bit wherever they found the same one. */
 KL_FN void kl_hit_settle(const kl_scene_view *scene, const kl_ray *ray, kl_hit *hit)
 {
     kl_vec3 o = ray->origin;
     kl_vec3 d = ray->dir;
-    if (kl_instance_moves(scene, hit->instance)) return;
-    if (KL_NEEDS(scene, KL_NEED_INSTANCES) && hit->instance != 0u) {
+    const KL_GLOBAL kl_triangle *triangle = &scene->triangles[hit->triangle];
+    kl_corners p = kl_corners_of(scene->positions, triangle);
+    if (kl_instance_moves(scene, hit->instance)) {
+        p = kl_moved_corners(scene, hit->instance, triangle, ray->time);
+    } else if (KL_NEEDS(scene, KL_NEED_INSTANCES) && hit->instance != 0u) {
         const KL_GLOBAL float *m = scene->instances[hit->instance].object_from_render;
         o = kl_affine_point(m, o);
         d = kl_affine_vector(m, d);
     }
-    const kl_corners p = kl_corners_of(scene->positions, &scene->triangles[hit->triangle]);
     const kl_vec3 a = kl_v3_sub(p.a, o);
     const kl_vec3 b = kl_v3_sub(p.b, o);
     const kl_vec3 c = kl_v3_sub(p.c, o);

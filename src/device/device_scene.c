@@ -25,13 +25,19 @@ struct array_sizes {
     size_t texels, srgb_table, lights, light_nodes, env_texels, env_rows, env_columns;
     size_t touch_bits;
     size_t bvh_nodes, bvh_leaves, bvh_roots;
+    size_t shutter_times, moving, step_matrices, step_positions, step_normals, step_tangents;
+    size_t light_motion, step_lights, material_motion, step_materials;
 };
 
-static struct array_sizes count_items(const struct kl_flat *flat, const struct kl_device_bvh *bvh)
+static struct array_sizes count_items(const struct kl_flat *flat, const struct kl_motion *motion,
+                                      const struct kl_device_bvh *bvh)
 {
+    static const struct kl_motion still;
+    const struct kl_motion *m = motion != NULL ? motion : &still;
     const size_t vertices = flat->vertex_count;
     const size_t width = flat->view.env.width;
     const size_t height = flat->view.env.height;
+    const size_t lights = motion != NULL ? m->light_count : flat->light_count;
 
     return (struct array_sizes){
         .positions = 3 * vertices,
@@ -40,20 +46,30 @@ static struct array_sizes count_items(const struct kl_flat *flat, const struct k
         .uvs = 4 * vertices,
         .colors = 4 * vertices,
         .triangles = flat->triangle_count,
-        .instances = flat->instance_count,
+        .instances = motion != NULL ? m->instance_count : flat->instance_count,
         .materials = flat->material_count,
         .textures = flat->texture_count,
         .texels = flat->texel_count,
         .srgb_table = 256,
-        .lights = flat->light_count,
-        .light_nodes = flat->light_node_count,
+        .lights = lights,
+        .light_nodes = motion != NULL ? m->light_node_count : flat->light_node_count,
         .env_texels = 3 * width * height,
         .env_rows = width > 0 ? height + 1 : 0,
         .env_columns = width > 0 ? height * (width + 1) : 0,
-        .touch_bits = (size_t)flat->light_count + flat->object_count,
+        .touch_bits = lights + flat->object_count,
         .bvh_nodes = bvh->node_count,
         .bvh_leaves = bvh->leaf_count,
         .bvh_roots = bvh->root_count,
+        .shutter_times = motion != NULL ? KL_SHUTTER_TIMES : 0,
+        .moving = m->instance_count,
+        .step_matrices = 12 * m->matrix_count,
+        .step_positions = 3 * m->vertex_count,
+        .step_normals = 3 * m->vertex_count,
+        .step_tangents = 3 * m->vertex_count,
+        .light_motion = m->light_count,
+        .step_lights = m->step_light_count,
+        .material_motion = motion != NULL ? flat->material_count : 0,
+        .step_materials = m->step_material_count,
     };
 }
 
@@ -71,12 +87,11 @@ static kl_status upload(struct kl_device *device, const void *data, size_t bytes
     return st == KL_OK ? KL_OK : kl_wrap(err, "array %s", name);
 }
 
-static kl_status upload_scene(struct kl_device *device, const struct kl_flat *flat,
-                              const struct kl_device_bvh *bvh, struct kl_device_scene *scene,
-                              struct kl_err *err)
+static kl_status upload_scene(struct kl_device *device, const kl_scene_view *view,
+                              const struct array_sizes n, const struct kl_device_bvh *bvh,
+                              struct kl_device_scene *scene, struct kl_err *err)
 {
-    const struct array_sizes n = count_items(flat, bvh);
-    kl_scene_view v = flat->view;
+    kl_scene_view v = *view;
     v.bvh_nodes = bvh->nodes;
     v.bvh_leaves = bvh->leaves;
     v.bvh_roots = bvh->roots;
@@ -94,23 +109,24 @@ static kl_status upload_scene(struct kl_device *device, const struct kl_flat *fl
 }
 
 kl_status kl_device_scene_create(struct kl_device *device, const struct kl_flat *flat,
-                                 const struct kl_device_bvh *bvh, struct kl_device_scene **out,
-                                 struct kl_err *err)
+                                 const struct kl_motion *motion, const struct kl_device_bvh *bvh,
+                                 struct kl_device_scene **out, struct kl_err *err)
 {
+    const kl_scene_view *view = motion != NULL ? &motion->view : &flat->view;
     struct kl_device_scene *scene = NULL;
     kl_status st = kl_alloc_array(&scene, 1, sizeof *scene, err);
 
     if (st != KL_OK) return st;
     scene->scalars = (kl_scene_scalars){
-        .needs = flat->view.needs,
-        .light_count = flat->view.light_count,
-        .far_count = flat->view.far_count,
-        .far_probability = flat->view.far_probability,
-        .instance_count = flat->view.instance_count,
-        .scene_radius = flat->view.scene_radius,
-        .env = flat->view.env,
+        .needs = view->needs,
+        .light_count = view->light_count,
+        .far_count = view->far_count,
+        .far_probability = view->far_probability,
+        .instance_count = view->instance_count,
+        .scene_radius = view->scene_radius,
+        .env = view->env,
     };
-    st = upload_scene(device, flat, bvh, scene, err);
+    st = upload_scene(device, view, count_items(flat, motion, bvh), bvh, scene, err);
     if (st != KL_OK) {
         kl_device_scene_destroy(scene);
         return kl_wrap(err, "scene on %s", kl_device_get_info(device)->name);

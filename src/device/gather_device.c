@@ -40,8 +40,15 @@ struct launch {
     struct kl_device_buffer *before; /* cells of the step before; on the first step its own */
 };
 
+/* What moves by itself is an instance of its own. */
+static uint32_t needs_of(const struct kl_flat *flat, const struct kl_motion *motion)
+{
+    return motion != NULL ? motion->view.needs | KL_NEED_INSTANCES : flat->view.needs;
+}
+
 kl_status kl_gather_device_create(const char *selector, struct kl_flat *flat,
-                                  struct kl_gather_device **out, struct kl_err *err)
+                                  struct kl_motion *motion, struct kl_gather_device **out,
+                                  struct kl_err *err)
 {
     struct kl_gather_device *g = NULL;
     kl_status st = kl_alloc_array(&g, 1, sizeof *g, err);
@@ -49,11 +56,11 @@ kl_status kl_gather_device_create(const char *selector, struct kl_flat *flat,
     if (st != KL_OK) return st;
     st = kl_device_open(selector, &g->device, err);
     if (st == KL_OK) {
-        st = kl_device_program_create(g->device, "kernels/gather.cl", flat->view.needs, &g->program,
-                                      err);
+        st = kl_device_program_create(g->device, "kernels/gather.cl", needs_of(flat, motion),
+                                      &g->program, err);
     }
-    if (st == KL_OK) st = kl_device_bvh_create(flat, &g->bvh, err);
-    if (st == KL_OK) st = kl_device_scene_create(g->device, flat, g->bvh, &g->scene, err);
+    if (st == KL_OK) st = kl_device_bvh_create(flat, motion, &g->bvh, err);
+    if (st == KL_OK) st = kl_device_scene_create(g->device, flat, motion, g->bvh, &g->scene, err);
     if (st != KL_OK) {
         kl_gather_device_destroy(g);
         return st;

@@ -28,8 +28,8 @@ static bool has_gpu(void)
     return found;
 }
 
-kl_status kl_gatherer_create(const char *device, struct kl_flat *flat, struct kl_gatherer **out,
-                             struct kl_err *err)
+kl_status kl_gatherer_create(const char *device, struct kl_flat *flat, struct kl_motion *motion,
+                             struct kl_gatherer **out, struct kl_err *err)
 {
     struct kl_gatherer *g = NULL;
     kl_status st = KL_OK;
@@ -39,7 +39,7 @@ kl_status kl_gatherer_create(const char *device, struct kl_flat *flat, struct kl
     if (st != KL_OK) return st;
     (void)snprintf(g->name, sizeof g->name, "embree");
     if (strcmp(device, "embree") != 0) {
-        st = kl_gather_device_create(device, flat, &g->device, err);
+        st = kl_gather_device_create(device, flat, motion, &g->device, err);
         if (st != KL_OK) {
             free(g);
             return st;

@@ -3,16 +3,16 @@
 #define KL_SRC_RENDER_GATHERER_H
 
 #include "src/device/gather.h"
-#include "src/scene/flat.h"
+#include "src/scene/motion.h"
 
 struct kl_gatherer;
 
 /* `device`: "embree", "opencl", "opencl:N", or "auto" (NULL): a GPU where there is one, else
  * Embree, which is the faster of the two on a processor (docs/benchmarks.md). Never decided by the
- * clock, so that the same machine gives the same records. The flat scene and its tracer stay until
- * the gatherer is destroyed. */
-kl_status kl_gatherer_create(const char *device, struct kl_flat *flat, struct kl_gatherer **out,
-                             struct kl_err *err) KL_MUST_CHECK;
+ * clock, so that the same machine gives the same records. The flat scene, its motion (NULL: nothing
+ * moves) and their tracer stay until the gatherer is destroyed. */
+kl_status kl_gatherer_create(const char *device, struct kl_flat *flat, struct kl_motion *motion,
+                             struct kl_gatherer **out, struct kl_err *err) KL_MUST_CHECK;
 void kl_gatherer_destroy(struct kl_gatherer *gatherer); /* accepts NULL */
 const char *kl_gatherer_get_name(const struct kl_gatherer *gatherer);
 /* A kl_gather_fn of src/render/fill.h; context: struct kl_gatherer. */

@@ -210,7 +210,7 @@ kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
     }
     if (st == KL_OK && r->settings.indirect == KL_INDIRECT_CACHE) {
         const char *device = r->ledger != NULL ? "embree" : r->settings.device;
-        st = kl_gatherer_create(device, r->flat, &r->gatherer, err);
+        st = kl_gatherer_create(device, r->flat, r->motion, &r->gatherer, err);
     }
     kl_pose_destroy(pose);
     if (st != KL_OK) {

@@ -532,6 +532,7 @@ void kl_motion_destroy(struct kl_motion *motion)
     free(motion->lights);
     free(motion->light_nodes);
     free(motion->light_motion);
+    free(motion->touch_bits);
     free(motion->step_lights);
     free(motion->material_motion);
     free(motion->step_materials);

@@ -32,6 +32,7 @@ struct kl_motion {
     kl_light *lights;
     kl_light_node *light_nodes;
     uint32_t *light_motion;
+    kl_u32 *touch_bits; /* of these lights, then of objects: kl_flat, whose bits must be set */
     size_t step_light_count, step_material_count;
     kl_light *step_lights;
     uint32_t *material_motion;
@@ -54,6 +55,9 @@ void kl_motion_destroy(struct kl_motion *motion); /* accepts NULL */
  * motion or none; `still` where it does not move. motion NULL: nothing moves. */
 kl_vec3 kl_motion_point(const struct kl_motion *motion, const kl_hit *hit, float time,
                         kl_vec3 still);
+
+/* The instance of a merged triangle that moves, KL_NONE where it does not. */
+uint32_t kl_motion_find(const struct kl_motion *motion, uint32_t triangle);
 
 /* Adds all that decides what is seen in motion to a digest. */
 void kl_motion_digest(const struct kl_motion *motion, struct kl_hash *hash);

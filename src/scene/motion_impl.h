@@ -24,7 +24,5 @@ kl_status kl_motion_pose(struct kl_motion_job *job, uint32_t at, const struct kl
  */
 kl_status kl_motion_add_materials(struct kl_motion_job *job, struct kl_err *err) KL_MUST_CHECK;
 kl_status kl_motion_add_lights(struct kl_motion_job *job, struct kl_err *err) KL_MUST_CHECK;
-/* The instance of a merged triangle that moves, KL_NONE where it does not. */
-uint32_t kl_motion_find(const struct kl_motion *motion, uint32_t triangle);
 
 #endif

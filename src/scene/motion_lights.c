@@ -2,6 +2,7 @@
 #include "src/scene/motion_impl.h"
 
 #include "kernels/moving.h"
+#include "kernels/parts.h"
 #include "src/base/memory.h"
 #include "src/scene/flat_impl.h"
 #include "src/scene/light_tree.h"
@@ -195,6 +196,24 @@ static uint32_t find_motions(struct kl_motion *m, const struct kl_flat_lights *l
     return moving;
 }
 
+/* Bits of lights and objects (kernels/parts.h) with the list's numbers. Lights of the flat scene
+ * are in the list, in the same order; others are dark at the reference instant. */
+static void number_bits(struct kl_motion *m, const struct kl_flat_lights *list,
+                        const struct kl_flat *flat)
+{
+    uint32_t at = 0;
+    for (uint32_t i = 0; i < list->count; ++i) {
+        const kl_light *l = &list->items[i];
+        const bool known = at < flat->light_count && flat->lights[at].type == l->type &&
+                           flat->lights[at].triangle == l->triangle &&
+                           flat->light_sources[at] == list->sources[i];
+        m->touch_bits[i] = known ? flat->touch_bits[at++] : KL_TOUCH_NONE;
+    }
+    for (uint32_t i = 0; i < flat->object_count; ++i) {
+        m->touch_bits[list->count + i] = flat->touch_bits[flat->light_count + i];
+    }
+}
+
 kl_status kl_motion_add_lights(struct kl_motion_job *job, struct kl_err *err)
 {
     struct kl_motion *m = job->motion;
@@ -205,9 +224,14 @@ kl_status kl_motion_add_lights(struct kl_motion_job *job, struct kl_err *err)
 
     if (st == KL_OK) st = kl_flat_list_lights(job->scene, &bright.pose, &bright.flat, &list, err);
     if (st == KL_OK) st = kl_alloc_array(&m->light_motion, list.count, sizeof(uint32_t), err);
+    if (st == KL_OK) {
+        st = kl_alloc_array(&m->touch_bits, (size_t)list.count + job->flat->object_count,
+                            sizeof *m->touch_bits, err);
+    }
     if (st == KL_OK) st = kl_alloc_array(&leaves, list.count, sizeof *leaves, err);
     if (st != KL_OK) goto cleanup;
     m->moving_lights = find_motions(m, &list, bright.steps);
+    number_bits(m, &list, job->flat);
     for (uint32_t i = 0; i < list.count; ++i) {
         if (m->light_motion[i] != KL_NONE) {
             leaf_over_span(m, &list.items[i], m->light_motion[i], &leaves[i]);
@@ -224,6 +248,7 @@ kl_status kl_motion_add_lights(struct kl_motion_job *job, struct kl_err *err)
     m->view.lights = m->lights;
     m->view.light_nodes = m->light_nodes;
     m->view.light_motion = m->light_motion;
+    m->view.touch_bits = m->touch_bits;
     m->view.step_lights = m->step_lights;
     m->view.light_count = list.count;
     m->view.far_count = list.far_count;

@@ -25,6 +25,9 @@ enum {
 
 struct builder {
     const struct kl_flat *flat;
+    const struct kl_motion *motion; /* NULL: nothing moves */
+    const kl_instance *instances;
+    uint32_t instance_count;
     struct kl_device_bvh *bvh;
     size_t node_capacity, leaf_capacity;
     bool of_instances; /* which of the two kinds of tree is being built */
@@ -86,6 +89,19 @@ static void triangle_vertices(const struct kl_flat *flat, uint32_t triangle, flo
             v[i][k] = p[k];
         }
     }
+}
+
+/* Is the triangle a part of something merged that moves? That has a tree of its own. */
+static bool is_apart(const struct builder *b, uint32_t triangle)
+{
+    return b->motion != NULL && kl_motion_find(b->motion, triangle) != KL_NONE;
+}
+
+/* How an instance moves; NULL: it stands still. */
+static const kl_moving *moving_of(const struct builder *b, uint32_t instance)
+{
+    if (b->motion == NULL || b->motion->moving[instance].steps == 0) return NULL;
+    return &b->motion->moving[instance];
 }
 
 static void box_clear(float box[6])
@@ -270,21 +286,41 @@ static void set_primitive(struct builder *b, size_t at, uint32_t id, const float
                                                    .primID = id};
 }
 
-/* Fills b->primitives with the usable triangles of a range; grows `whole` by their boxes. */
-static kl_status list_triangles(struct builder *b, uint32_t first, uint32_t n, float whole[6],
-                                size_t *count, struct kl_err *err)
+/* The box of a triangle: at all its steps where it deforms. */
+static void triangle_box(const struct builder *b, const kl_moving *deforms, uint32_t triangle,
+                         float box[6])
 {
+    float v[3][3];
+    box_clear(box);
+    triangle_vertices(b->flat, triangle, v);
+    for (int k = 0; k < 3 && deforms == NULL; ++k) {
+        box_add(box, v[k]);
+    }
+    for (uint32_t step = 0; deforms != NULL && step < deforms->steps; ++step) {
+        for (int k = 0; k < 3; ++k) {
+            const uint32_t vertex = b->flat->triangles[triangle].v[k] - deforms->first_vertex;
+            const size_t at = deforms->first + (size_t)step * deforms->vertex_count + vertex;
+            box_add(box, b->motion->positions + 3 * at);
+        }
+    }
+}
+
+/* Fills b->primitives with the usable triangles of an instance; grows `whole` by their boxes. */
+static kl_status list_triangles(struct builder *b, uint32_t instance, float whole[6], size_t *count,
+                                struct kl_err *err)
+{
+    const uint32_t first = b->instances[instance].first_triangle;
+    const uint32_t n = b->instances[instance].triangle_count;
+    const kl_moving *moving = moving_of(b, instance);
+    const kl_moving *deforms = moving != NULL && moving->deforms ? moving : NULL;
     kl_status st =
         kl_grow_array(&b->primitives, &b->primitive_capacity, n, sizeof *b->primitives, err);
     if (st != KL_OK) return st;
     *count = 0;
     for (uint32_t i = first; i < first + n; ++i) {
-        float v[3][3], box[6];
-        triangle_vertices(b->flat, i, v);
-        box_clear(box);
-        for (int k = 0; k < 3; ++k) {
-            box_add(box, v[k]);
-        }
+        float box[6];
+        if (instance == 0 && is_apart(b, i)) continue;
+        triangle_box(b, deforms, i, box);
         if (!box_is_usable(box)) continue;
         box_add(whole, box);
         box_add(whole, box + 3);
@@ -293,11 +329,11 @@ static kl_status list_triangles(struct builder *b, uint32_t first, uint32_t n, f
     return KL_OK;
 }
 
-/* One tree of triangles; *root is KL_NONE where the range has none. `whole`: its box. */
-static kl_status build_triangles(struct builder *b, uint32_t first, uint32_t n, kl_u32 *root,
-                                 float whole[6], struct kl_err *err)
+/* The tree of an instance's triangles; *root is KL_NONE where it has none. `whole`: its box. */
+static kl_status build_triangles(struct builder *b, uint32_t instance, kl_u32 *root, float whole[6],
+                                 struct kl_err *err)
 {
-    const bool two_levels = b->flat->instance_count > 1;
+    const bool two_levels = b->instance_count > 1;
     const uint32_t limit = (uint32_t)KL_BVH_STACK - (two_levels ? STACK_INSTANCES : 0u);
     const size_t old_nodes = b->bvh->node_count;
     const size_t old_leaves = b->bvh->leaf_count;
@@ -307,13 +343,13 @@ static kl_status build_triangles(struct builder *b, uint32_t first, uint32_t n, 
     box_clear(whole);
     *root = KL_NONE;
     b->of_instances = false;
-    kl_status st = list_triangles(b, first, n, whole, &count, err);
+    kl_status st = list_triangles(b, instance, whole, &count, err);
     if (st != KL_OK || count == 0) return st;
     st = build_once(b, count, DEPTH_FIRST_TRY, root, &need, err);
     if (st != KL_OK || need <= limit) return st;
     b->bvh->node_count = old_nodes;
     b->bvh->leaf_count = old_leaves;
-    st = list_triangles(b, first, n, whole, &count, err);
+    st = list_triangles(b, instance, whole, &count, err);
     if (st != KL_OK) return st;
     st = build_once(b, count, (limit - 1) / (KL_BVH_WIDTH - 1), root, &need, err);
     if (st == KL_OK && need > limit) {
@@ -322,16 +358,31 @@ static kl_status build_triangles(struct builder *b, uint32_t first, uint32_t n, 
     return st;
 }
 
-/* The box of an instance in render space: of the corners of its triangles' box. */
-static void instance_box(const kl_instance *instance, const float object[6], float box[6])
+/* Grows a box in render space by the corners of one in object space. */
+static void add_corners(const float matrix[12], const float object[6], float box[6])
 {
-    box_clear(box);
     for (int corner = 0; corner < 8; ++corner) {
         const kl_vec3 p = kl_v3(object[corner & 1 ? 3 : 0], object[corner & 2 ? 4 : 1],
                                 object[corner & 4 ? 5 : 2]);
-        const kl_vec3 q = kl_affine_point(instance->render_from_object, p);
+        const kl_vec3 q = kl_affine_point(matrix, p);
         const float point[3] = {q.x, q.y, q.z};
         box_add(box, point);
+    }
+}
+
+/* The box of an instance in render space, of its triangles' box: wherever it gets to. Between two
+ * steps points go straight. */
+static void instance_box(const struct builder *b, uint32_t instance, const float object[6],
+                         float box[6])
+{
+    const kl_moving *m = moving_of(b, instance);
+    box_clear(box);
+    if (m == NULL || m->deforms) {
+        add_corners(b->instances[instance].render_from_object, object, box);
+    } else {
+        for (uint32_t step = 0; step < m->steps; ++step) {
+            add_corners(b->motion->matrices + 12 * (size_t)(m->first + step), object, box);
+        }
     }
 }
 
@@ -339,20 +390,19 @@ static void instance_box(const kl_instance *instance, const float object[6], flo
 static kl_status build_instances(struct builder *b, float (*boxes)[6], kl_u32 *root,
                                  struct kl_err *err)
 {
-    const struct kl_flat *flat = b->flat;
     uint32_t need = 0;
     size_t count = 0;
-    kl_status st = kl_grow_array(&b->primitives, &b->primitive_capacity, flat->instance_count,
+    kl_status st = kl_grow_array(&b->primitives, &b->primitive_capacity, b->instance_count,
                                  sizeof *b->primitives, err);
 
     if (st != KL_OK) return st;
     for (int attempt = 0; attempt < 2; ++attempt) {
         const size_t old_nodes = b->bvh->node_count;
         count = 0;
-        for (uint32_t i = 0; i < flat->instance_count; ++i) {
+        for (uint32_t i = 0; i < b->instance_count; ++i) {
             float box[6];
             if (b->bvh->roots[i] == KL_NONE) continue;
-            instance_box(&flat->instances[i], boxes[i], box);
+            instance_box(b, i, boxes[i], box);
             if (box_is_usable(box)) set_primitive(b, count++, i, box);
         }
         if (count == 0) return KL_OK;
@@ -374,36 +424,42 @@ static kl_status build_all(struct builder *b, float (*boxes)[6], struct kl_err *
     size_t count = 0;
     kl_status st = KL_OK;
 
-    for (uint32_t i = 0; i <= flat->instance_count; ++i) {
+    for (uint32_t i = 0; i <= b->instance_count; ++i) {
         roots[i] = KL_NONE;
     }
     if (flat->instance_count == 0) return KL_OK;
-    st = build_triangles(b, flat->instances[0].first_triangle, flat->instances[0].triangle_count,
-                         &roots[0], boxes[0], err);
+    st = build_triangles(b, 0, &roots[0], boxes[0], err);
+    for (uint32_t i = flat->instance_count; st == KL_OK && i < b->instance_count; ++i) {
+        st = build_triangles(b, i, &roots[i], boxes[i], err);
+    }
     if (st == KL_OK) st = kl_ranges_sorted(flat, &ranges, &count, err);
     for (size_t i = 0, end = 0; st == KL_OK && i < count; i = end) {
         const uint32_t leader = ranges[i].instance;
         end = kl_ranges_run_end(ranges, count, i);
-        st = build_triangles(b, ranges[i].first, ranges[i].count, &roots[leader], boxes[leader],
-                             err);
+        st = build_triangles(b, leader, &roots[leader], boxes[leader], err);
         for (size_t k = i + 1; k < end; ++k) {
             roots[ranges[k].instance] = roots[leader];
             memcpy(boxes[ranges[k].instance], boxes[leader], sizeof boxes[leader]);
         }
     }
     free(ranges);
-    if (st == KL_OK) st = build_instances(b, boxes, &roots[flat->instance_count], err);
+    if (st == KL_OK) st = build_instances(b, boxes, &roots[b->instance_count], err);
     return st;
 }
 
-kl_status kl_device_bvh_create(struct kl_flat *flat, struct kl_device_bvh **out, struct kl_err *err)
+kl_status kl_device_bvh_create(struct kl_flat *flat, struct kl_motion *motion,
+                               struct kl_device_bvh **out, struct kl_err *err)
 {
-    struct builder b = {.flat = flat};
+    kl_scene_view *view = motion != NULL ? &motion->view : &flat->view;
+    struct builder b = {.flat = flat,
+                        .motion = motion,
+                        .instances = motion != NULL ? motion->instances : flat->instances,
+                        .instance_count = view->instance_count};
     float(*boxes)[6] = NULL;
     kl_status st = kl_alloc_array(&b.bvh, 1, sizeof *b.bvh, err);
 
     if (st != KL_OK) return st;
-    b.bvh->root_count = (size_t)flat->instance_count + 1;
+    b.bvh->root_count = (size_t)b.instance_count + 1;
     st = kl_alloc_array(&b.bvh->roots, b.bvh->root_count, sizeof *b.bvh->roots, err);
     if (st == KL_OK) st = kl_alloc_array(&boxes, b.bvh->root_count, sizeof *boxes, err);
     if (st == KL_OK) st = kl_embree_open(&b.report, &b.device, err);
@@ -415,9 +471,9 @@ kl_status kl_device_bvh_create(struct kl_flat *flat, struct kl_device_bvh **out,
         kl_device_bvh_destroy(b.bvh);
         return kl_wrap(err, "device ray tracer, %u triangles", flat->triangle_count);
     }
-    flat->view.bvh_nodes = b.bvh->nodes;
-    flat->view.bvh_leaves = b.bvh->leaves;
-    flat->view.bvh_roots = b.bvh->roots;
+    view->bvh_nodes = b.bvh->nodes;
+    view->bvh_leaves = b.bvh->leaves;
+    view->bvh_roots = b.bvh->roots;
     *out = b.bvh;
     return KL_OK;
 }

@@ -4,7 +4,7 @@
 
 #include "kernels/bvh.h"
 #include "src/base/status.h"
-#include "src/scene/flat.h"
+#include "src/scene/motion.h"
 
 /* Plain arrays, aligned to 64 bytes, ready for upload. Constant once built: any number of threads
  * may read. The same scene gives the same bytes. */
@@ -15,12 +15,12 @@ struct kl_device_bvh {
     size_t node_count, leaf_count, root_count;
 };
 
-/* Also sets flat->view.bvh_*, which then point into *out. *out is the caller's and needs nothing of
- * the flat scene afterwards. Triangles with a coordinate that is not finite or beyond 1e18 are
- * left out, as Embree does. KL_ERR_DEVICE: the builder failed, or the tree is too large or too
- * deep for a kernel. */
-kl_status kl_device_bvh_create(struct kl_flat *flat, struct kl_device_bvh **out,
-                               struct kl_err *err) KL_MUST_CHECK;
+/* Of the flat scene, or in motion (NULL: nothing moves); also sets bvh_* of that view, which then
+ * point into *out. *out is the caller's and needs nothing of the flat scene afterwards. Triangles
+ * with a coordinate that is not finite or beyond 1e18 are left out, as Embree does. KL_ERR_DEVICE:
+ * the builder failed, or the tree is too large or too deep for a kernel. */
+kl_status kl_device_bvh_create(struct kl_flat *flat, struct kl_motion *motion,
+                               struct kl_device_bvh **out, struct kl_err *err) KL_MUST_CHECK;
 
 void kl_device_bvh_destroy(struct kl_device_bvh *bvh); /* accepts NULL */
 

@@ -30,7 +30,7 @@ int main(int argc, char **argv)
     double other[RUNS];
 
     if (!gallery_batch_init(&b, side, points)) return 1;
-    if (kl_gather_device_create(selector, b.flat, &device, &err) != KL_OK ||
+    if (kl_gather_device_create(selector, b.flat, NULL, &device, &err) != KL_OK ||
         kl_alloc_array(&results, b.count, sizeof *results, &err) != KL_OK) {
         (void)fprintf(stderr, "%s\n", err.msg);
         return 1;

@@ -105,7 +105,7 @@ static kl_status time_device(struct bench *b, struct kl_device *device, struct t
         kl_device_program_create(device, "kernels/trace.cl", b->flat->view.needs, &program, err);
 
     b->compile = now() - start;
-    if (st == KL_OK) st = kl_device_scene_create(device, b->flat, b->bvh, &scene, err);
+    if (st == KL_OK) st = kl_device_scene_create(device, b->flat, NULL, b->bvh, &scene, err);
     if (st == KL_OK) {
         st = kl_device_buffer_create(device, KL_DEVICE_INPUT, b->rays, ray_bytes, &rays, err);
     }
@@ -145,7 +145,7 @@ static kl_status prepare(struct bench *b, uint32_t n, struct kl_err *err)
 
     b->build_tracer = now() - start;
     start = now();
-    if (st == KL_OK) st = kl_device_bvh_create(b->flat, &b->bvh, err);
+    if (st == KL_OK) st = kl_device_bvh_create(b->flat, NULL, &b->bvh, err);
     b->build_bvh = now() - start;
     if (st == KL_OK) st = kl_alloc_array(&b->rays, b->count, sizeof *b->rays, err);
     if (st == KL_OK) st = kl_alloc_array(&b->host_hits, b->count, sizeof *b->host_hits, err);

@@ -184,7 +184,7 @@ static void device_gathers_as_host(void **state)
 
     light_scene(&s);
     make_points(s.flat, points);
-    if (kl_gather_device_create("opencl", s.flat, &gather, &err) != KL_OK) {
+    if (kl_gather_device_create("opencl", s.flat, NULL, &gather, &err) != KL_OK) {
         (void)printf("SKIPPED: %s\n", err.msg);
         kl_test_scene_destroy(s.flat);
         free(s.normals);
@@ -239,7 +239,7 @@ static void ladders_keep_their_rays(void **state)
         st = kl_gather_tables_create(8u << i, &tables[i], &err);
     }
     if (st != KL_OK) fail_msg("%s", err.msg);
-    const bool has_device = kl_gather_device_create("opencl", s.flat, &gather, &err) == KL_OK;
+    const bool has_device = kl_gather_device_create("opencl", s.flat, NULL, &gather, &err) == KL_OK;
     const kl_level_view none = {0};
     for (int on_device = 0; on_device <= (has_device ? 1 : 0); ++on_device) {
         struct kl_gather_job job = {

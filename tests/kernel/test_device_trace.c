@@ -62,7 +62,7 @@ static kl_status trace(struct kl_device *device, const struct kl_flat *flat,
     kl_status st =
         kl_device_program_create(device, "kernels/trace.cl", flat->view.needs, &program, err);
 
-    if (st == KL_OK) st = kl_device_scene_create(device, flat, bvh, &scene, err);
+    if (st == KL_OK) st = kl_device_scene_create(device, flat, NULL, bvh, &scene, err);
     if (st == KL_OK) {
         st = kl_device_buffer_create(device, KL_DEVICE_INPUT, batch->rays, sizeof batch->rays,
                                      &rays, err);
@@ -102,7 +102,7 @@ static void compare(struct kl_device *device, struct kl_flat *flat, uint64_t see
     int hits = 0, odd_host = 0, odd_embree = 0;
 
     kl_status st = kl_tracer_create(flat, &tracer, &err);
-    if (st == KL_OK) st = kl_device_bvh_create(flat, &bvh, &err);
+    if (st == KL_OK) st = kl_device_bvh_create(flat, NULL, &bvh, &err);
     if (st == KL_OK) st = kl_alloc_array(&batch, 1, sizeof *batch, &err);
     if (st == KL_OK) {
         fill_rays(batch, seed);

@@ -36,7 +36,7 @@ static void test_device_equals_host(void **state)
         gallery_batch_fini(&b);
         skip();
     }
-    if (kl_gather_device_create("opencl", b.flat, &device, &err) != KL_OK) {
+    if (kl_gather_device_create("opencl", b.flat, NULL, &device, &err) != KL_OK) {
         (void)printf("skipped: %s\n", err.msg);
         gallery_batch_fini(&b);
         skip();

@@ -1,7 +1,9 @@
 /* What moves while the shutter is open, against the poses themselves. */
 #include "src/scene/motion.h"
 
-#include "kernels/surface.h"
+#include "kernels/bvh.h"
+#include "kernels/riding.h"
+#include "src/trace/device_bvh.h"
 #include "src/trace/tracer.h"
 
 #include <setjmp.h>
@@ -173,6 +175,58 @@ static void expect_hits(const struct made *m)
     assert_true(hits > 500);
 }
 
+/* The trees of devices meet what Embree meets, at any time, and where it is met to the bit. */
+static void expect_same_on_devices(const struct made *m)
+{
+    struct kl_device_bvh *bvh = NULL;
+    struct kl_err err = {0};
+    uint32_t hits = 0;
+    if (kl_device_bvh_create(m->flat, m->motion, &bvh, &err) != KL_OK) fail_msg("%s", err.msg);
+    kl_scene_view view = m->motion->view;
+    view.needs |= KL_NEED_INSTANCES;
+    for (uint32_t i = 0; i < 20000; ++i) {
+        const kl_vec2 p = kl_sobol_2d(i, 8);
+        kl_ray ray = kl_ray_make(kl_v3(6.0f * p.x - 3.0f, 6.0f * p.y - 3.0f, 4.0f),
+                                 kl_normalize(kl_v3(p.y - 0.5f, 0.3f - p.x, -1.0f)), KL_INF);
+        kl_hit want = {0};
+        kl_hit got = {0};
+        ray.time = kl_unit_float(kl_hash(i));
+        const int expected = kl_trace_closest(&m->motion->view, &ray, &want);
+        assert_int_equal(kl_bvh_closest(&view, &ray, &got), expected);
+        assert_int_equal(kl_bvh_any(&view, &ray), expected);
+        if (!expected) continue;
+        assert_int_equal(got.triangle, want.triangle);
+        assert_int_equal(got.instance, want.instance);
+        assert_true(got.t == want.t && got.u == want.u && got.v == want.v);
+        ++hits;
+    }
+    assert_true(hits > 1000);
+    kl_device_bvh_destroy(bvh);
+}
+
+/* A point of the first square goes where the pose says, and its frame turns along. */
+static void expect_ride(struct world *w, const struct made *m, double open, double close)
+{
+    const kl_ride on = {kl_motion_find(m->motion, 0), 0, 0.0f, 0.0f};
+    const kl_vec3 at = expected(w, m, 0.5 * (open + close), 0);
+    const kl_vec3 right = kl_v3_sub(expected(w, m, 0.5 * (open + close), 1), at);
+    const kl_vec3 normal = kl_v3(0.0f, 0.0f, 1.0f);
+    const kl_stance still =
+        kl_ride_to(&m->motion->view, &on, KL_TIME_REFERENCE, at, normal, normal);
+    const kl_vec3 along = kl_frame_to_local(&still.frame, kl_normalize(right));
+    for (int k = 0; k <= 10; ++k) {
+        const float time = 0.1f * (float)k;
+        const double then = open + (close - open) * (double)time;
+        const kl_stance s = kl_ride_to(&m->motion->view, &on, time, at, normal, normal);
+        const kl_vec3 pos = expected(w, m, then, 0);
+        const kl_vec3 way = kl_v3_sub(expected(w, m, then, 1), pos);
+        const kl_vec3 turned = kl_frame_to_world(&s.frame, along);
+        assert_true(kl_length(kl_v3_sub(s.pos, pos)) < 1e-4f);
+        assert_true(kl_dot(s.frame.n, normal) > 0.9999f && kl_dot(s.geometric, normal) > 0.9999f);
+        assert_true(kl_length(kl_v3_sub(turned, kl_normalize(way))) < 2e-3f);
+    }
+}
+
 static void rigid_things_turn_and_slide(void **state)
 {
     struct world w;
@@ -186,6 +240,8 @@ static void rigid_things_turn_and_slide(void **state)
     assert_true(m.motion->most_steps > 3);
     expect_way(&w, &m, 0.25, 0.75);
     expect_hits(&m);
+    expect_ride(&w, &m, 0.25, 0.75);
+    expect_same_on_devices(&m);
     made_fini(&m);
 }
 
@@ -224,6 +280,7 @@ static void vertices_move(void **state)
     assert_int_equal(m.motion->deforming_count, 1);
     expect_way(&w, &m, 0.4, 0.6);
     expect_hits(&m);
+    expect_same_on_devices(&m);
     made_fini(&m);
 }
 

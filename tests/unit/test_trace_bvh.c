@@ -24,7 +24,7 @@ static struct fixture set_up(struct kl_flat *flat)
     struct kl_err err = {0};
 
     if (kl_tracer_create(flat, &f.tracer, &err) != KL_OK) fail_msg("%s", err.msg);
-    if (kl_device_bvh_create(flat, &f.bvh, &err) != KL_OK) fail_msg("%s", err.msg);
+    if (kl_device_bvh_create(flat, NULL, &f.bvh, &err) != KL_OK) fail_msg("%s", err.msg);
     assert_ptr_equal(flat->view.bvh_nodes, f.bvh->nodes);
     return f;
 }
