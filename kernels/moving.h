@@ -79,15 +79,20 @@ typedef struct kl_map {
     float m[12]; /* 3x4 row major */
 } kl_map;
 
-KL_FN kl_map kl_map_at(const kl_scene_view *s, const KL_GLOBAL kl_moving *m, float time)
+/* `matrices`: of `steps` of them. */
+KL_FN kl_map kl_map_of(const KL_GLOBAL float *matrices, kl_u32 steps, float time)
 {
-    const kl_blend b = kl_blend_at(m->steps, time);
-    const KL_GLOBAL float *from = s->step_matrices + 12 * ((size_t)m->first + b.step);
+    const kl_blend b = kl_blend_at(steps, time);
+    const KL_GLOBAL float *from = matrices + 12 * (size_t)b.step;
     kl_map out;
     for (int i = 0; i < 12; ++i) {
         out.m[i] = b.share == 0.0f ? from[i] : kl_mix(from[i], from[12 + i], b.share);
     }
     return out;
+}
+KL_FN kl_map kl_map_at(const kl_scene_view *s, const KL_GLOBAL kl_moving *m, float time)
+{
+    return kl_map_of(s->step_matrices + 12 * (size_t)m->first, m->steps, time);
 }
 KL_FN kl_vec3 kl_map_point(const kl_map *x, kl_vec3 p)
 {

@@ -45,26 +45,26 @@ static bool is_in(const kl_u32 set[2], kl_u32 bit)
 
 /* Is the light that the surface at `at` asked for seen now? Both ends are kept off the surfaces by
  * more than what the ledger's directions are rounded by. `from`: the way to the surface. */
-static bool is_lit(const kl_scene_view *scene, const kl_gather_cell *c, kl_vec3 at, kl_vec3 from)
+static bool is_lit(const kl_scene_view *scene, kl_ray to_light, kl_vec3 from)
 {
     const float off = clear * scene->scene_radius;
-    const float length = c->light - 2.0f * off;
-    const kl_vec3 toward = kl_oct_decode(c->toward);
-    const kl_ray ray = kl_ray_make(kl_v3_mad(at, -off, from), toward, length);
-    return length <= 0.0f || kl_transmittance(scene, &ray) > 0.0f;
+    to_light.origin = kl_v3_mad(to_light.origin, -off, from);
+    to_light.tmax -= 2.0f * off;
+    return to_light.tmax <= 0.0f || kl_transmittance(scene, &to_light) > 0.0f;
 }
 
 /* What moved may have come into the way of light, or have left it. */
 static bool is_light_changed(const struct kl_ledger_refresh *r, const kl_gather_cell *c, kl_vec3 at,
-                             kl_vec3 from)
+                             const kl_ray *from)
 {
     const struct kl_moved *m = r->moved;
-    const kl_vec3 toward = kl_oct_decode(c->toward);
     const bool lit = (c->touch >> 16 & 255u) != 0u;
+    kl_ray to_light = kl_ray_make(at, kl_oct_decode(c->toward), c->light);
 
     if (!(c->light > 0.0f)) return false;
-    return kl_moved_meets(lit ? m->is : m->was, m->count, KL_NONE, at, toward, c->light) &&
-           is_lit(r->job->scene, c, at, from) != lit;
+    to_light.time = from->time;
+    return kl_moved_meets(lit ? m->is : m->was, m->count, KL_NONE, &to_light) &&
+           is_lit(r->job->motion, to_light, from->dir) != lit;
 }
 
 /* Has light around what a ray hits changed by as much as its record would notice? */
@@ -82,18 +82,18 @@ static enum kl_ledger_kind judge(const struct kl_ledger_refresh *r, const struct
     const enum kl_ledger_kind still =
         is_in(r->stir->objects, c->touch & 255u) ? KL_RAY_DIMS : KL_RAY_STILL;
     const enum kl_ledger_kind otherwise = except != KL_NONE ? KL_RAY_RIDES : still;
-    const kl_vec3 pos = ray->origin;
-    const kl_vec3 dir = ray->dir;
     const float t = fabsf(c->distance);
+    kl_ray way = *ray;
 
     if (c->touch == KL_NONE) return otherwise; /* below its own triangle */
     const bool saw = is_in(m->touched, c->touch & 255u);
-    const bool meets = kl_moved_meets(m->is, m->count, except, pos, dir, saw ? KL_INF : t);
+    if (!saw) way.tmax = t;
+    const bool meets = kl_moved_meets(m->is, m->count, except, &way);
     if (saw != meets) return KL_RAY_TOUCHED;
     if (saw || is_in(m->touched, c->touch >> 24)) return KL_RAY_SEES;
     if (!(t < KL_INF)) return otherwise;
-    const kl_vec3 at = kl_v3_mad(pos, t, dir);
-    if (is_light_changed(r, c, at, dir)) return KL_RAY_TOUCHED;
+    const kl_vec3 at = kl_v3_mad(ray->origin, t, ray->dir);
+    if (is_light_changed(r, c, at, ray)) return KL_RAY_TOUCHED;
     return otherwise <= KL_RAY_DIMS && is_noted(r, e, at) ? KL_RAY_FADES : otherwise;
 }
 
@@ -113,6 +113,7 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
     const kl_vec3 was = kl_v3_load(e->point.pos);
     const kl_vec3 normal = kl_oct_decode(e->point.normal);
     kl_vec3 pos = was;
+    kl_ray here = kl_ray_make(was, normal, 0.0f);
 
     e->step = 0.0f;
     e->shot = 0;
@@ -137,10 +138,10 @@ void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_led
         e->step = kl_length(kl_v3_sub(pos, was));
         if (kl_dot(normal, kl_oct_decode(e->point.normal)) < turned) e->step = KL_INF;
     }
+    here.origin = pos;
     e->point.on = kl_fill_find_ride(refresh->job->motion, pos, e->point.geometric);
-    e->dropped =
-        e->age_frames == 0 || object->deformed ||
-        kl_moved_meets(m->is, m->count, object->moved ? e->object : KL_NONE, pos, normal, 0.0f);
+    e->dropped = e->age_frames == 0 || object->deformed ||
+                 kl_moved_meets(m->is, m->count, object->moved ? e->object : KL_NONE, &here);
 }
 
 static uint32_t period_of(const struct kl_ledger_entry *e, enum kl_ledger_kind kind)

@@ -14,8 +14,10 @@ struct thing {
     uint32_t object;
     bool deforms;
     double world_from_box[16]; /* column major; of what deforms the identity */
-    double lo[3], hi[3];
+    double lo[3], hi[3];       /* of what deforms: wherever it gets to while the shutter is open */
     uint8_t vertices[KL_HASH_SIZE]; /* digest; of what deforms */
+    uint32_t steps;                 /* kl_moved_box */
+    float *ways;
 };
 
 struct kl_stand {
@@ -36,10 +38,20 @@ static void grow(struct thing *t, double x, double y, double z)
     }
 }
 
+/* Nothing is in its box yet, which is the world's. */
+static void clear_box(struct thing *t)
+{
+    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+    memcpy(t->world_from_box, identity, sizeof identity);
+    for (int k = 0; k < 3; ++k) {
+        t->lo[k] = INFINITY;
+        t->hi[k] = -INFINITY;
+    }
+}
+
 static void stand_thing(const struct kl_scene *scene, const struct kl_pose *pose,
                         const struct kl_flat *flat, uint32_t i, struct thing *t)
 {
-    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     const struct kl_scene_instance *in = &scene->instances[i];
     const struct kl_mesh *mesh = &scene->meshes[in->mesh];
     const bool deforms = kl_instance_is_deformed(scene, i);
@@ -50,11 +62,10 @@ static void stand_thing(const struct kl_scene *scene, const struct kl_pose *pose
 
     t->object = in->object;
     t->deforms = deforms;
-    memcpy(t->world_from_box, deforms ? identity : pose->world_from_node + 16 * (size_t)in->node,
-           sizeof identity);
-    for (int k = 0; k < 3; ++k) {
-        t->lo[k] = INFINITY;
-        t->hi[k] = -INFINITY;
+    clear_box(t);
+    if (!deforms) {
+        memcpy(t->world_from_box, pose->world_from_node + 16 * (size_t)in->node,
+               sizeof t->world_from_box);
     }
     for (size_t v = 0; v < mesh->vertex_count; ++v, from += 3) {
         grow(t, (double)from[0] + (deforms ? origin[0] : 0.0),
@@ -68,10 +79,71 @@ static void stand_thing(const struct kl_scene *scene, const struct kl_pose *pose
     kl_hash_finish(&hash, t->vertices);
 }
 
-static void digest_light(const struct kl_flat *flat, uint8_t out[KL_HASH_SIZE])
+/* The instance of the motion that a thing is; KL_NONE: it keeps still. */
+static uint32_t find_moving(const struct kl_flat_place *place, const struct kl_motion *motion)
+{
+    const uint32_t instance =
+        place->instance != 0 ? place->instance : kl_motion_find(motion, place->first_triangle);
+    return instance != KL_NONE && motion->moving[instance].steps > 0 ? instance : KL_NONE;
+}
+
+/* Out of the space of the reference instant, whatever the matrices take from. */
+static void way_of(const float matrix[12], const kl_instance *instance, float out[12])
+{
+    const float *back = instance->object_from_render;
+    for (int i = 0; i < 3; ++i) {
+        const float *row = matrix + 4 * i;
+        for (int k = 0; k < 4; ++k) {
+            out[4 * i + k] = row[0] * back[k] + row[1] * back[4 + k] + row[2] * back[8 + k] +
+                             (k == 3 ? row[3] : 0.0f);
+        }
+    }
+}
+
+/* How a thing moves while the shutter is open. */
+static kl_status move_thing(const struct kl_flat *flat, const struct kl_motion *motion, uint32_t i,
+                            struct thing *t, struct kl_err *err)
+{
+    const uint32_t instance = find_moving(&flat->places[i], motion);
+    if (instance == KL_NONE) return KL_OK;
+    const kl_moving *m = &motion->moving[instance];
+    const double *o = flat->origin;
+
+    if (m->deforms) {
+        const float *p = motion->positions + 3 * (size_t)m->first;
+        const size_t count = (size_t)m->steps * m->vertex_count;
+        struct kl_hash hash;
+        t->deforms = true;
+        clear_box(t);
+        for (size_t v = 0; v < count; ++v) {
+            grow(t, (double)p[3 * v] + o[0], (double)p[3 * v + 1] + o[1],
+                 (double)p[3 * v + 2] + o[2]);
+        }
+        kl_hash_init(&hash);
+        kl_hash_update(&hash, p, 3 * count * sizeof *p);
+        kl_hash_finish(&hash, t->vertices);
+        return KL_OK;
+    }
+    kl_status st = kl_alloc_array(&t->ways, m->steps, 12 * sizeof(float), err);
+    for (uint32_t k = 0; st == KL_OK && k < m->steps; ++k) {
+        way_of(motion->matrices + 12 * (size_t)(m->first + k), &motion->instances[instance],
+               t->ways + 12 * (size_t)k);
+        t->steps = k + 1;
+    }
+    return st;
+}
+
+static void digest_light(const struct kl_flat *flat, const struct kl_motion *motion,
+                         uint8_t out[KL_HASH_SIZE])
 {
     struct kl_hash hash;
     kl_hash_init(&hash);
+    if (motion != NULL) {
+        kl_hash_update(&hash, motion->step_lights,
+                       motion->step_light_count * sizeof *motion->step_lights);
+        kl_hash_update(&hash, motion->step_materials,
+                       motion->step_material_count * sizeof *motion->step_materials);
+    }
     kl_hash_update(&hash, &flat->view.env, sizeof flat->view.env);
     kl_hash_update(&hash, flat->lights, flat->light_count * sizeof *flat->lights);
     kl_hash_update(&hash, flat->materials, flat->material_count * sizeof *flat->materials);
@@ -79,7 +151,8 @@ static void digest_light(const struct kl_flat *flat, uint8_t out[KL_HASH_SIZE])
 }
 
 kl_status kl_stand_create(const struct kl_scene *scene, const struct kl_pose *pose,
-                          const struct kl_flat *flat, struct kl_stand **out, struct kl_err *err)
+                          const struct kl_flat *flat, const struct kl_motion *motion,
+                          struct kl_stand **out, struct kl_err *err)
 {
     struct kl_stand *s = NULL;
     kl_status st = kl_alloc_array(&s, 1, sizeof *s, err);
@@ -91,15 +164,16 @@ kl_status kl_stand_create(const struct kl_scene *scene, const struct kl_pose *po
     s->object_count = flat->object_count;
     st = kl_alloc_array(&s->things, s->thing_count, sizeof *s->things, err);
     if (st == KL_OK) st = kl_alloc_array(&s->bits, s->object_count, sizeof *s->bits, err);
+    for (uint32_t i = 0; st == KL_OK && i < s->thing_count; ++i) {
+        stand_thing(scene, pose, flat, i, &s->things[i]);
+        if (motion != NULL) st = move_thing(flat, motion, i, &s->things[i], err);
+    }
     if (st != KL_OK) {
         kl_stand_destroy(s);
         return st;
     }
-    for (uint32_t i = 0; i < s->thing_count; ++i) {
-        stand_thing(scene, pose, flat, i, &s->things[i]);
-    }
     memcpy(s->bits, flat->touch_bits + flat->light_count, s->object_count * sizeof *s->bits);
-    digest_light(flat, s->light);
+    digest_light(flat, motion, s->light);
     *out = s;
     return KL_OK;
 }
@@ -107,6 +181,9 @@ kl_status kl_stand_create(const struct kl_scene *scene, const struct kl_pose *po
 void kl_stand_destroy(struct kl_stand *stand)
 {
     if (stand == NULL) return;
+    for (uint32_t i = 0; stand->things != NULL && i < stand->thing_count; ++i) {
+        free(stand->things[i].ways);
+    }
     free(stand->things);
     free(stand->bits);
     free(stand);
@@ -155,9 +232,13 @@ static void map_render(const double map[12], const double from[3], float out[12]
 static bool make_box(const struct thing *t, const struct kl_stand *s, struct kl_moved_box *out)
 {
     double map[12];
-    const bool sound = invert(t->world_from_box, map);
+    struct kl_err ignored; /* without memory nothing can be compared */
+    const bool sound = invert(t->world_from_box, map) &&
+                       kl_alloc_array(&out->ways, t->steps, 12 * sizeof(float), &ignored) == KL_OK;
 
     out->object = t->object;
+    out->steps = t->steps;
+    if (sound && t->steps > 0) memcpy(out->ways, t->ways, 12 * sizeof(float) * t->steps);
     for (int i = 0; sound && i < 3; ++i) {
         double *row = map + 4 * i;
         const double per_metre = sqrt(row[0] * row[0] + row[1] * row[1] + row[2] * row[2]);
@@ -204,7 +285,9 @@ static bool has_moved(const struct thing *a, const struct thing *b)
 {
     if (!(a->lo[0] <= a->hi[0])) return false; /* nothing there */
     if (a->deforms) return memcmp(a->vertices, b->vertices, sizeof a->vertices) != 0;
-    return memcmp(a->world_from_box, b->world_from_box, sizeof a->world_from_box) != 0;
+    if (a->steps != b->steps) return true;
+    return memcmp(a->world_from_box, b->world_from_box, sizeof a->world_from_box) != 0 ||
+           (a->steps > 0 && memcmp(a->ways, b->ways, 12 * sizeof(float) * a->steps) != 0);
 }
 
 static void add_moved(const struct kl_stand *before, const struct kl_stand *now, uint32_t i,
@@ -230,6 +313,7 @@ kl_status kl_moved_between(const struct kl_stand *before, const struct kl_stand 
     const uint32_t n = now->thing_count;
 
     *out = (struct kl_moved){.all = memcmp(before->light, now->light, sizeof now->light) != 0};
+    out->room = n;
     kl_status st = kl_alloc_array(&out->objects, now->object_count, sizeof *out->objects, err);
     if (st == KL_OK) st = kl_alloc_array(&out->was, n, sizeof *out->was, err);
     if (st == KL_OK) st = kl_alloc_array(&out->is, n, sizeof *out->is, err);
@@ -242,6 +326,12 @@ kl_status kl_moved_between(const struct kl_stand *before, const struct kl_stand 
 
 void kl_moved_fini(struct kl_moved *moved)
 {
+    for (uint32_t i = 0; moved->was != NULL && i < moved->room; ++i) {
+        free(moved->was[i].ways);
+    }
+    for (uint32_t i = 0; moved->is != NULL && i < moved->room; ++i) {
+        free(moved->is[i].ways);
+    }
     free(moved->objects);
     free(moved->was);
     free(moved->is);
@@ -249,10 +339,18 @@ void kl_moved_fini(struct kl_moved *moved)
 }
 
 /* Slabs, as in Kay and Kajiya 1986. */
-static bool meets(const struct kl_moved_box *box, kl_vec3 origin, kl_vec3 dir, float length)
+static bool meets(const struct kl_moved_box *box, const kl_ray *ray)
 {
+    kl_vec3 origin = ray->origin;
+    kl_vec3 dir = ray->dir;
     float near = 0.0f;
-    float far = length;
+    float far = ray->tmax;
+
+    if (box->steps > 0) {
+        const kl_map x = kl_map_of(box->ways, box->steps, ray->time);
+        origin = kl_map_back(&x, kl_v3_sub(origin, kl_v3(x.m[3], x.m[7], x.m[11])));
+        dir = kl_map_back(&x, dir);
+    }
     for (int k = 0; k < 3; ++k) {
         const float *m = box->unit_from_render + 4 * k;
         const float o = m[0] * origin.x + m[1] * origin.y + m[2] * origin.z + m[3];
@@ -267,10 +365,10 @@ static bool meets(const struct kl_moved_box *box, kl_vec3 origin, kl_vec3 dir, f
 }
 
 bool kl_moved_meets(const struct kl_moved_box *boxes, uint32_t count, uint32_t except,
-                    kl_vec3 origin, kl_vec3 dir, float length)
+                    const kl_ray *ray)
 {
     for (uint32_t i = 0; i < count; ++i) {
-        if (boxes[i].object != except && meets(&boxes[i], origin, dir, length)) return true;
+        if (boxes[i].object != except && meets(&boxes[i], ray)) return true;
     }
     return false;
 }

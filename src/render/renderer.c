@@ -206,7 +206,7 @@ kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
     if (st == KL_OK) st = make_parts(r, pose, err);
     if (st == KL_OK) st = set_motion(r, pose, instants, err);
     if (st == KL_OK && r->ledger != NULL) {
-        st = kl_stand_create(r->scene, pose, r->flat, &r->stand, err);
+        st = kl_stand_create(r->scene, pose, r->flat, r->motion, &r->stand, err);
     }
     if (st == KL_OK && r->settings.indirect == KL_INDIRECT_CACHE) {
         const char *device = r->ledger != NULL ? "embree" : r->settings.device;

@@ -72,7 +72,7 @@ static struct kl_stand *stand_of(const struct world *w)
     assert_int_equal(kl_flat_create(&w->scene, pose, origin, &flat, &err), KL_OK);
     flat->touch_bits[flat->light_count] = 7;
     flat->touch_bits[flat->light_count + 1] = 40;
-    assert_int_equal(kl_stand_create(&w->scene, pose, flat, &stand, &err), KL_OK);
+    assert_int_equal(kl_stand_create(&w->scene, pose, flat, NULL, &stand, &err), KL_OK);
     kl_flat_destroy(flat);
     kl_pose_destroy(pose);
     return stand;
@@ -133,6 +133,13 @@ static void one_thing_moves(void **state)
     kl_moved_fini(&m);
 }
 
+static bool meets(const struct kl_moved_box *boxes, uint32_t count, uint32_t except, kl_vec3 origin,
+                  kl_vec3 dir, float length)
+{
+    const kl_ray ray = kl_ray_make(origin, dir, length);
+    return kl_moved_meets(boxes, count, except, &ray);
+}
+
 static void boxes_are_where_it_was_and_is(void **state)
 {
     const kl_vec3 back = kl_v3(0.0f, 0.0f, -1.0f);
@@ -140,17 +147,17 @@ static void boxes_are_where_it_was_and_is(void **state)
     const kl_vec3 here = kl_v3(3.9f - 10.0f, 0.9f, 2.0f);  /* and is */
     struct kl_moved m = moved_once();
     (void)state;
-    assert_true(kl_moved_meets(m.was, m.count, KL_NONE, there, back, KL_INF));
-    assert_false(kl_moved_meets(m.is, m.count, KL_NONE, there, back, KL_INF));
-    assert_true(kl_moved_meets(m.is, m.count, KL_NONE, here, back, KL_INF));
-    assert_false(kl_moved_meets(m.was, m.count, KL_NONE, here, back, KL_INF));
-    assert_false(kl_moved_meets(m.is, m.count, 0, here, back, KL_INF)); /* it does not count */
-    assert_false(kl_moved_meets(m.is, m.count, KL_NONE, here, back, 1.9f));
-    assert_true(kl_moved_meets(m.is, m.count, KL_NONE, here, back, 2.1f));
-    assert_false(kl_moved_meets(m.is, m.count, KL_NONE, here, kl_v3_scale(back, -1.0f), KL_INF));
+    assert_true(meets(m.was, m.count, KL_NONE, there, back, KL_INF));
+    assert_false(meets(m.is, m.count, KL_NONE, there, back, KL_INF));
+    assert_true(meets(m.is, m.count, KL_NONE, here, back, KL_INF));
+    assert_false(meets(m.was, m.count, KL_NONE, here, back, KL_INF));
+    assert_false(meets(m.is, m.count, 0, here, back, KL_INF)); /* it does not count */
+    assert_false(meets(m.is, m.count, KL_NONE, here, back, 1.9f));
+    assert_true(meets(m.is, m.count, KL_NONE, here, back, 2.1f));
+    assert_false(meets(m.is, m.count, KL_NONE, here, kl_v3_scale(back, -1.0f), KL_INF));
     const kl_vec3 in = kl_v3(3.0f - 10.0f, 0.0f, 0.0f);
-    assert_true(kl_moved_meets(m.is, m.count, KL_NONE, in, back, 0.0f));
-    assert_false(kl_moved_meets(m.was, m.count, KL_NONE, in, back, 0.0f));
+    assert_true(meets(m.is, m.count, KL_NONE, in, back, 0.0f));
+    assert_false(meets(m.was, m.count, KL_NONE, in, back, 0.0f));
     kl_moved_fini(&m);
 }
 
