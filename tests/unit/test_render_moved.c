@@ -174,6 +174,29 @@ static void other_materials_are_another_world(void **state)
     kl_moved_fini(&m);
 }
 
+/* While the shutter is open a box goes along: 4 m along Y from opening to closing. */
+static void boxes_move_while_the_shutter_is_open(void **state)
+{
+    float ways[3 * 12] = {0};
+    const struct kl_moved_box box = {
+        .unit_from_render = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, .steps = 3, .ways = ways};
+    kl_ray ray = kl_ray_make(kl_v3(0.0f, 0.0f, 5.0f), kl_v3(0.0f, 0.0f, -1.0f), KL_INF);
+    (void)state;
+    for (int k = 0; k < 3; ++k) {
+        float *m = ways + 12 * k;
+        m[0] = m[5] = m[10] = 1.0f;
+        m[7] = 2.0f * (float)(k - 1);
+    }
+    for (int k = 0; k <= 10; ++k) {
+        ray.time = 0.1f * (float)k;
+        const float y = 4.0f * (ray.time - 0.5f);
+        ray.origin.y = y + 0.9f;
+        assert_true(kl_moved_meets(&box, 1, KL_NONE, &ray));
+        ray.origin.y = y - 1.1f;
+        assert_false(kl_moved_meets(&box, 1, KL_NONE, &ray));
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -181,6 +204,7 @@ int main(void)
         cmocka_unit_test(one_thing_moves),
         cmocka_unit_test(boxes_are_where_it_was_and_is),
         cmocka_unit_test(other_materials_are_another_world),
+        cmocka_unit_test(boxes_move_while_the_shutter_is_open),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
