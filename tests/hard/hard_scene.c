@@ -266,6 +266,55 @@ void hard_sky(struct kl_scene *scene, uint32_t width, uint32_t height, double ra
         scene->environment.rgb[i] = (float)radiance;
 }
 
+void hard_sun(struct kl_scene *scene, const double way[3], double illuminance)
+{
+    const double any[3] = {way[1], way[2], way[0]}; /* not along it, unless all are the same */
+    double m[16] = {0}, x[3], y[3], length = 0.0;
+    cross(any, way, x);
+    for (int k = 0; k < 3; ++k)
+        length += x[k] * x[k];
+    for (int k = 0; k < 3; ++k) {
+        m[k] = x[k] /= sqrt(length);
+        m[8 + k] = -way[k]; /* it shines along -Z */
+    }
+    cross(m + 8, x, y);
+    memcpy(m + 4, y, sizeof y);
+    m[15] = 1.0;
+    const uint32_t node = hard_node(scene, m);
+    scene->lights = grow(scene->lights, scene->light_count, sizeof *scene->lights);
+    scene->lights[scene->light_count] =
+        (struct kl_scene_light){.name = name_of("light", scene->light_count),
+                                .node = node,
+                                .source = scene->light_count,
+                                .type = KL_LIGHT_DIRECTIONAL,
+                                .color = {1, 1, 1},
+                                .intensity = illuminance};
+    ++scene->light_count;
+}
+
+void hard_animate(struct kl_scene *scene, uint32_t node, enum kl_channel_path path, uint32_t count,
+                  const float *times, const float *values)
+{
+    if (scene->animation_count == 0) {
+        scene->animations = grow(NULL, 0, sizeof *scene->animations);
+        scene->animations[0].name = name_of("animation", scene->animation_count++);
+    }
+    struct kl_animation *a = &scene->animations[0];
+    const uint32_t width = path == KL_ROTATION ? 4 : 3;
+    a->channels = grow(a->channels, a->channel_count, sizeof *a->channels);
+    struct kl_animation_channel *c = &a->channels[a->channel_count++];
+    *c = (struct kl_animation_channel){.node = node,
+                                       .path = path,
+                                       .interpolation = KL_LINEAR,
+                                       .key_count = count,
+                                       .width = width,
+                                       .times = must(malloc(count * sizeof(float))),
+                                       .values = must(malloc(count * width * sizeof(float)))};
+    memcpy(c->times, times, count * sizeof(float));
+    memcpy(c->values, values, count * width * sizeof(float));
+    a->duration = fmax(a->duration, (double)times[count - 1]);
+}
+
 void hard_move(struct kl_scene *scene, double scale, const double offset[3])
 {
     const double m[16] = {scale, 0, 0,     0, 0,         scale,     0,         0,
@@ -320,21 +369,40 @@ static void check(kl_status st, const struct kl_err *err)
     if (st != KL_OK) fail_msg("%s", err->msg);
 }
 
-void hard_open(struct hard_stage *stage, struct kl_scene *scene, enum kl_indirect indirect,
-               double error, uint32_t rays)
+void hard_begin(struct hard_stage *stage, struct kl_scene *scene, enum kl_indirect indirect,
+                double error, uint32_t rays, bool carry)
 {
     const struct kl_renderer_settings settings = {.indirect = indirect,
                                                   .device = "embree",
                                                   .error = error,
                                                   .rays = rays,
-                                                  .animation = KL_NONE};
+                                                  .animation = KL_NONE,
+                                                  .carry = carry};
     struct kl_err err = {0};
 
     *stage = (struct hard_stage){.scene = scene, .indirect = indirect};
     check(kl_renderer_create(scene, &settings, &stage->renderer, &err), &err);
-    check(kl_renderer_set_time(stage->renderer, 0.0, &err), &err);
-    if (indirect != KL_INDIRECT_CACHE) return;
-    check(kl_renderer_open_cache(stage->renderer, NULL, KL_STORE_EXTEND, &err), &err);
+}
+
+void hard_go(struct hard_stage *stage, double time, double shutter)
+{
+    const struct kl_renderer_instants instants = {.reference = time,
+                                                  .open = time - 0.5 * shutter,
+                                                  .close = time + 0.5 * shutter,
+                                                  .before = stage->time};
+    struct kl_err err = {0};
+
+    check(kl_renderer_set_instants(stage->renderer, &instants, &err), &err);
+    stage->time = time;
+    if (stage->indirect != KL_INDIRECT_CACHE) return;
+    check(kl_renderer_open_cache(stage->renderer, stage->store, KL_STORE_EXTEND, &err), &err);
+}
+
+void hard_open(struct hard_stage *stage, struct kl_scene *scene, enum kl_indirect indirect,
+               double error, uint32_t rays)
+{
+    hard_begin(stage, scene, indirect, error, rays, false);
+    hard_go(stage, 0.0, 0.0);
 }
 
 void hard_close(struct hard_stage *stage)
@@ -347,16 +415,17 @@ struct kl_image *hard_render(struct hard_stage *stage, uint32_t camera, uint32_t
                              uint32_t height, uint32_t spp)
 {
     struct kl_renderer_frame frame = {.frame = 1, .spp = spp};
-    struct kl_fill_stats stats;
     struct kl_image *image = NULL;
     struct kl_err err = {0};
 
-    check(kl_renderer_camera(stage->renderer, camera, 0.0, width, height, &frame.camera, &err),
+    check(kl_renderer_camera(stage->renderer, camera, stage->time, width, height, &frame.camera,
+                             &err),
           &err);
     frame.before = frame.camera;
-    const struct kl_renderer_fill fill = {.cameras = &frame.camera, .camera_count = 1};
+    const struct kl_renderer_fill fill = {
+        .cameras = &frame.camera, .camera_count = 1, .keep = stage->store != NULL};
     if (stage->indirect == KL_INDIRECT_CACHE) {
-        check(kl_renderer_fill(stage->renderer, &fill, &stats, &err), &err);
+        check(kl_renderer_fill(stage->renderer, &fill, &stage->stats, &err), &err);
     }
     check(kl_image_create(width, height, &image, &err), &err);
     check(kl_frame_add_layers(image, "all", &err), &err);
@@ -444,10 +513,4 @@ void hard_expect(const char *what, double value, double wanted, double tolerance
 {
     print_message("%s: %.6g, wanted %.6g +- %.2g\n", what, value, wanted, tolerance);
     if (!(fabs(value - wanted) <= tolerance)) fail_msg("%s", what);
-}
-
-void hard_waits(const char *row, const char *why)
-{
-    print_message("SKIP: %s: %s\n", row, why);
-    skip();
 }

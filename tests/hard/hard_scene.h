@@ -27,6 +27,11 @@ uint32_t hard_camera(struct kl_scene *scene, const double eye[3], const double t
                      double yfov);
 void hard_forget_cameras(struct kl_scene *scene);
 void hard_sky(struct kl_scene *scene, uint32_t width, uint32_t height, double radiance);
+/* A directional light [lx] that travels along `way`, unit length. */
+void hard_sun(struct kl_scene *scene, const double way[3], double illuminance);
+/* Let a node without a matrix move, turn or grow: straight between `count` keys. */
+void hard_animate(struct kl_scene *scene, uint32_t node, enum kl_channel_path path, uint32_t count,
+                  const float *times, const float *values);
 /* Put everything under one more transform: p' = scale * p + offset. */
 void hard_move(struct kl_scene *scene, double scale, const double offset[3]);
 
@@ -35,19 +40,28 @@ void hard_move(struct kl_scene *scene, double scale, const double offset[3]);
  */
 struct kl_scene *hard_room(void);
 
-/* The scene at time 0, ready to render; the scene is freed with the stage. error, rays: 0 for the
- * defaults. */
 #define HARD_PI 3.14159265358979323846
 
+/* A scene ready to render; it is freed with the stage. */
 struct hard_stage {
     struct kl_scene *scene;
     struct kl_renderer *renderer;
     enum kl_indirect indirect;
-    struct kl_counts counts; /* of the last image */
-    uint64_t bad;            /* samples of it that were not finite */
+    double time;                /* [s] the present instant, at first 0 */
+    const char *store;          /* folder of the cache, NULL: in memory */
+    struct kl_fill_stats stats; /* of the last image */
+    struct kl_counts counts;
+    uint64_t bad; /* samples of it that were not finite */
 };
+/* At time 0. error, rays: 0 for the defaults. */
 void hard_open(struct hard_stage *stage, struct kl_scene *scene, enum kl_indirect indirect,
                double error, uint32_t rays);
+/* Not anywhere yet; `carry`: records go on from frame to frame. */
+void hard_begin(struct hard_stage *stage, struct kl_scene *scene, enum kl_indirect indirect,
+                double error, uint32_t rays, bool carry);
+/* Go to an instant [s] with a shutter that is open for so long around it. The one where the stage
+ * stood becomes the frame before. */
+void hard_go(struct hard_stage *stage, double time, double shutter);
 void hard_close(struct hard_stage *stage);
 /* Fill (by the cache) and render scene camera `camera`; the caller's to kl_image_destroy. */
 struct kl_image *hard_render(struct hard_stage *stage, uint32_t camera, uint32_t width,
@@ -66,7 +80,5 @@ struct hard_spread hard_measure(const struct kl_image *image, const char *channe
 double hard_difference(const struct kl_image *a, const struct kl_image *b, const char *channel,
                        double *ratio);
 void hard_expect(const char *what, double value, double wanted, double tolerance);
-/* Tell that a case waits, and skip the test. */
-void hard_waits(const char *row, const char *why);
 
 #endif
