@@ -118,6 +118,26 @@ KL_FN kl_answer kl_gather_query(const kl_scene_view *s, const kl_level_view *lev
     return kl_cache_query(level1, query, surf->pos, surf->smooth, surf->smooth);
 }
 
+/* Is a point inside of something at a ray's time? Then what first meets the eye along its surface
+ * is, to three sides, the back of something that moves. A sheet over it leaves a side open. */
+KL_FN int kl_gather_is_inside(const kl_scene_view *s, const kl_ray *from, kl_vec3 axis)
+{
+    const kl_frame f = kl_frame_from_normal(axis);
+    kl_vec3 side = kl_v3(0.995f, 0.0f, 0.1f);
+    for (int k = 0; k < 3; ++k) {
+        kl_ray ray = *from;
+        kl_hit hit;
+        kl_surface surf;
+        ray.dir = kl_frame_to_world(&f, side);
+        if (!kl_trace_closest(s, &ray, &hit) || !kl_instance_moves(s, hit.instance)) return 0;
+        kl_surface_at(s, &ray, &hit, &surf);
+        if (surf.front) return 0;
+        side = kl_v3(-0.5f * side.x - 0.8660254f * side.y, 0.8660254f * side.x - 0.5f * side.y,
+                     side.z);
+    }
+    return 1;
+}
+
 /* Radiance that comes back along `ray`, without what emitters send directly: their light belongs to
  * the direct light of the ray's origin. Ends in the records of level 1 where these serve, else goes
  * on as a path, so that all bounces are counted. `axis`: normal at the ray's origin. `stays`: that
@@ -144,7 +164,7 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         if (!kl_intersect(s, &ray, seed, &hit)) break;
         kl_surface_at(s, &ray, &hit, &surf);
         if (stays && ray.time != KL_TIME_REFERENCE && !surf.front &&
-            kl_instance_moves(s, hit.instance)) {
+            kl_instance_moves(s, hit.instance) && kl_gather_is_inside(s, &ray, axis)) {
             ray.time = KL_TIME_REFERENCE;
             --bounce;
             continue;
