@@ -42,10 +42,33 @@ static void map_render(const double map[12], const double from[3], float out[12]
     }
 }
 
+/* A thing that is flattened, to a plane or to nothing, in a box of the world. */
+static struct kl_thing world_thing(const struct kl_thing *t)
+{
+    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+    const double *m = t->world_from_box;
+    struct kl_thing out = *t;
+
+    memcpy(out.world_from_box, identity, sizeof identity);
+    for (int i = 0; i < 3; ++i) {
+        out.lo[i] = m[12 + i];
+        out.hi[i] = m[12 + i];
+        for (int k = 0; k < 3; ++k) {
+            const double a = m[4 * k + i] * t->lo[k];
+            const double b = m[4 * k + i] * t->hi[k];
+            out.lo[i] += fmin(a, b);
+            out.hi[i] += fmax(a, b);
+        }
+    }
+    return out;
+}
+
 static bool make_box(const struct kl_thing *t, const struct kl_stand *s, struct kl_moved_box *out)
 {
     double map[12];
     struct kl_err ignored; /* without memory nothing can be compared */
+    const struct kl_thing flat = world_thing(t);
+    if (!invert(t->world_from_box, map)) t = &flat;
     const bool sound = invert(t->world_from_box, map) &&
                        kl_alloc_array(&out->ways, t->steps, 12 * sizeof(float), &ignored) == KL_OK;
 

@@ -240,9 +240,9 @@ static double expect_gather(void **state, const struct act *act, const struct kl
     assert_true((m.motion != NULL) == (span->close > span->open));
     const struct measured e = gather(&m, *state, &at);
     const double tolerance = 3.0 * e.error + 1e-3 * wanted;
-    hard_expect("irradiance", e.mean, wanted, tolerance);
     made_fini(&m);
     kl_scene_destroy(s);
+    hard_expect("irradiance", e.mean, wanted, tolerance);
     return tolerance;
 }
 
