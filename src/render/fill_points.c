@@ -166,16 +166,16 @@ kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **
     return KL_OK;
 }
 
-bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, kl_surface *out)
+bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, kl_hit *hit,
+                          kl_surface *out)
 {
     const kl_vec3 n = kl_oct_decode(hot->normal);
     const float height = 1e-4f * scene->scene_radius;
     const kl_vec3 from = kl_v3_mad(kl_v3_load(hot->pos), height, n);
     const kl_ray ray = kl_ray_make(from, kl_v3_scale(n, -1.0f), 2.0f * height);
-    kl_hit hit;
 
-    if (!kl_trace_closest(scene, &ray, &hit)) return false;
-    kl_surface_at(scene, &ray, &hit, out);
+    if (!kl_trace_closest(scene, &ray, hit)) return false;
+    kl_surface_at(scene, &ray, hit, out);
     return kl_dot(out->smooth, n) > KL_SAME_SIDE;
 }
 

@@ -23,7 +23,8 @@ kl_status kl_fill_world_points(const struct kl_fill_job *job, struct kl_point **
                                size_t *count, struct kl_err *err) KL_MUST_CHECK;
 
 /* The surface under a record, seen from its side. False: there is none, or it faces elsewhere. */
-bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, kl_surface *out);
+bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, kl_hit *hit,
+                          kl_surface *out);
 
 /* What a point on a surface lies on: kl_ride. `motion`: kl_fill_job. */
 kl_ride kl_fill_find_ride(const kl_scene_view *motion, kl_vec3 pos, kl_u32 geometric);

@@ -128,11 +128,14 @@ kl_status kl_ledger_gather(void *context, const struct kl_gather_job *job, struc
 
 /* ---- whose they are ---- */
 
-static bool find_object(const kl_scene_view *scene, const kl_record_hot *hot, uint32_t *object)
+static bool find_object(const kl_scene_view *scene, struct kl_ledger_entry *e)
 {
+    kl_hit hit;
     kl_surface s;
-    if (!kl_fill_find_surface(scene, hot, &s)) return false;
-    *object = s.object;
+    if (!kl_fill_find_surface(scene, &e->hot, &hit, &s)) return false;
+    e->object = s.object;
+    e->lies = (kl_ride){.triangle = hit.triangle, .u = hit.u, .v = hit.v};
+    e->corners = kl_corners_of(scene->positions, &scene->triangles[hit.triangle]);
     return s.object != KL_NONE;
 }
 
@@ -213,7 +216,7 @@ kl_status kl_ledger_close(struct kl_ledger *ledger, struct kl_cache *cache,
 #pragma omp parallel for schedule(dynamic, 64)
     for (size_t i = 0; i < l->count; ++i) {
         struct kl_ledger_entry *e = &l->entries[i];
-        e->kept = e->kept && find_object(scene, &e->hot, &e->object);
+        e->kept = e->kept && find_object(scene, e);
     }
     st = kl_ledger_fade(l->entries, l->count, cache, err);
     if (st == KL_OK) st = kl_ledger_thin(l->entries, l->count, err);

@@ -31,7 +31,9 @@ struct kl_ledger_entry {
     kl_gather_cell *cells; /* side^2: what came back when each was last shot */
     uint8_t *waits;        /* side^2: turns since then in which the ray may have changed */
     struct kl_ledger_rate rates[KL_RAY_KINDS];
-    uint32_t object; /* that it lies on */
+    uint32_t object;    /* that it lies on */
+    kl_ride lies;       /* where; the instance is not told */
+    kl_corners corners; /* of that triangle, if it is a merged one */
     kl_record_hot hot;
     kl_record_cold cold;
     bool by_paths;       /* its rays went on until they met no more light, for want of records */

@@ -1,14 +1,12 @@
 /* Which rays of a record are shot again, and what its light is then: docs/decisions/0018-ledger.md.
  */
 #include "src/cache/record.h"
-#include "src/render/fill_points.h"
 #include "src/render/ledger_impl.h"
 
 #include <math.h>
 #include <string.h>
 
 static const float near_steps = 4.0f; /* of a record: what is nearer is seen from another side */
-static const float turned = 0.9394f;  /* cosine, 20 degrees: normals beyond do not share records */
 static const float slight = 0.02f;    /* change of the light that leaves the derivatives alone */
 static const float clear = 1e-3f;     /* of the scene's radius */
 
@@ -16,8 +14,7 @@ static const float clear = 1e-3f;     /* of the scene's radius */
  * light changed little the last time. */
 static const uint32_t one_of[KL_RAY_KINDS] = {0, 10, 4, 3, 2, 2, 1};
 enum { ONE_OF_SLOW = 4 };
-static const float quick = 0.015f; /* change of the light from which on a record is not slow */
-static const float notes = 0.01f;  /* change of light elsewhere, of its own, that a record notes */
+static const float notes = 0.01f; /* change of light elsewhere, of its own, that a record notes */
 
 /* Rays of a kind that are shot in turn. */
 struct stratum {
@@ -95,53 +92,6 @@ static enum kl_ledger_kind judge(const struct kl_ledger_refresh *r, const struct
     const kl_vec3 at = kl_v3_mad(ray->origin, t, ray->dir);
     if (is_light_changed(r, c, at, ray)) return KL_RAY_TOUCHED;
     return otherwise <= KL_RAY_DIMS && is_noted(r, e, at) ? KL_RAY_FADES : otherwise;
-}
-
-static kl_u32 turn_normal(const float m[9], kl_u32 normal)
-{
-    const kl_vec3 n = kl_oct_decode(normal);
-    return kl_oct_encode(kl_normalize(kl_v3(m[0] * n.x + m[1] * n.y + m[2] * n.z,
-                                            m[3] * n.x + m[4] * n.y + m[5] * n.z,
-                                            m[6] * n.x + m[7] * n.y + m[8] * n.z)));
-}
-
-void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry)
-{
-    struct kl_ledger_entry *e = entry;
-    const struct kl_moved *m = refresh->moved;
-    const struct kl_moved_object *object = &m->objects[e->object];
-    const kl_vec3 was = kl_v3_load(e->point.pos);
-    const kl_vec3 normal = kl_oct_decode(e->point.normal);
-    kl_vec3 pos = was;
-    kl_ray here = kl_ray_make(was, normal, 0.0f);
-
-    e->step = 0.0f;
-    e->shot = 0;
-    e->faded = false;
-    if (e->leaves) {
-        --e->age_frames;
-    } else if (e->age_frames < KL_LEDGER_FADE) {
-        ++e->age_frames;
-    }
-    e->hasty = e->change >= quick;
-    e->change = 0.0f;
-    e->added = 0.0f;
-    if (object->moved && !object->deformed) {
-        pos = kl_affine_point(object->now_from_before, was);
-        e->point.pos[0] = pos.x;
-        e->point.pos[1] = pos.y;
-        e->point.pos[2] = pos.z;
-        e->point.normal = turn_normal(object->normals, e->point.normal);
-        e->point.geometric = turn_normal(object->normals, e->point.geometric);
-        memcpy(e->hot.pos, e->point.pos, sizeof e->hot.pos);
-        e->hot.normal = e->point.normal;
-        e->step = kl_length(kl_v3_sub(pos, was));
-        if (kl_dot(normal, kl_oct_decode(e->point.normal)) < turned) e->step = KL_INF;
-    }
-    here.origin = pos;
-    e->point.on = kl_fill_find_ride(refresh->job->motion, pos, e->point.geometric);
-    e->dropped = e->age_frames == 0 || object->deformed ||
-                 kl_moved_meets(m->is, m->count, object->moved ? e->object : KL_NONE, &here);
 }
 
 static uint32_t period_of(const struct kl_ledger_entry *e, enum kl_ledger_kind kind)
@@ -278,7 +228,7 @@ static void reduce(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
     kl_gather_result result;
 
     kl_reduce_touched(scratch->cells, e->side * e->side, r->job->gather.touch, &result);
-    if (e->change < slight) {
+    if (e->change < slight && e->step < KL_INF) {
         memcpy(e->cold.touched, result.touched, sizeof e->cold.touched);
         return;
     }

@@ -36,8 +36,9 @@ static kl_status gather_some(const struct again *a, const uint32_t *numbers, uin
     if (st == KL_OK) st = kl_alloc_array(&results, count, sizeof *results, err);
     if (st == KL_OK) st = kl_alloc_array(&used, count, sizeof *used, err);
     for (uint32_t i = 0; st == KL_OK && i < count; ++i) {
+        kl_hit hit;
         kl_surface surface;
-        if (!kl_fill_find_surface(job->scene, &level->hot[numbers[i]], &surface)) {
+        if (!kl_fill_find_surface(job->scene, &level->hot[numbers[i]], &hit, &surface)) {
             level->fate[numbers[i]] = KL_FATE_DROP;
             continue;
         }
