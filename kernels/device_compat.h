@@ -6,6 +6,8 @@
 #if defined(__OPENCL_C_VERSION__)
 #define KL_DEVICE 1
 #define KL_FN     static inline
+#define KL_APART  static inline
+#define KL_INLINE static inline
 #define KL_GLOBAL __global
 #define KL_CONST  __constant
 typedef uchar kl_u8;
@@ -39,7 +41,10 @@ typedef ulong kl_u64;
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
-#define KL_FN static inline
+#define KL_FN     static inline
+/* What few scenes need stands apart, where it takes no registers from what all do. */
+#define KL_APART  static __attribute__((noinline, unused))
+#define KL_INLINE static inline __attribute__((always_inline))
 #define KL_GLOBAL
 #define KL_PREFETCH(p) __builtin_prefetch(p)
 #define KL_LANES       8u /* of a loop that one vector instruction does at once */

@@ -103,24 +103,28 @@ KL_FN kl_u32 kl_touch_of_direct(const kl_scene_view *s, kl_u32 light, kl_vec3 di
     return kl_touch_of_light(s, light) << 8 | (kl_u32)(share * 255.0f + 0.5f) << 16;
 }
 
-/* What the records of level 1 know of a hit: at the reference instant, where they are. */
-KL_FN kl_answer kl_gather_query(const kl_scene_view *s, const kl_level_view *level1,
-                                const kl_query *query, const kl_ray *ray, const kl_hit *hit,
-                                const kl_surface *surf)
+/* A point of a surface where records are. */
+typedef struct kl_asked {
+    kl_vec3 pos, normal;
+} kl_asked;
+
+/* Of a hit on something that moves: where it is at the reference instant. */
+KL_APART kl_asked kl_gather_carry(const kl_scene_view *s, const kl_ray *ray, const kl_hit *hit,
+                                  int front)
 {
-    if (ray->time != KL_TIME_REFERENCE && kl_instance_moves(s, hit->instance)) {
-        kl_surface there;
-        kl_ray r = *ray;
-        r.time = KL_TIME_REFERENCE;
-        kl_surface_of_side(s, &r, hit, surf->front, &there);
-        return kl_cache_query(level1, query, there.pos, there.smooth, there.smooth);
-    }
-    return kl_cache_query(level1, query, surf->pos, surf->smooth, surf->smooth);
+    kl_surface there;
+    kl_asked out;
+    kl_ray r = *ray;
+    r.time = KL_TIME_REFERENCE;
+    kl_surface_of_side(s, &r, hit, front, &there);
+    out.pos = there.pos;
+    out.normal = there.smooth;
+    return out;
 }
 
 /* Is a point inside of something at a ray's time? Then what first meets the eye along its surface
  * is, to three sides, the back of something that moves. A sheet over it leaves a side open. */
-KL_FN int kl_gather_is_inside(const kl_scene_view *s, const kl_ray *from, kl_vec3 axis)
+KL_APART int kl_gather_is_inside(const kl_scene_view *s, const kl_ray *from, kl_vec3 axis)
 {
     const kl_frame f = kl_frame_from_normal(axis);
     kl_vec3 side = kl_v3(0.995f, 0.0f, 0.1f);
@@ -163,13 +167,13 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         const kl_u32 seed = kl_hash2(sampler.seed, sampler.index * 64u + (kl_u32)bounce);
         if (!kl_intersect(s, &ray, seed, &hit)) break;
         kl_surface_at(s, &ray, &hit, &surf);
-        if (stays && ray.time != KL_TIME_REFERENCE && !surf.front &&
-            kl_instance_moves(s, hit.instance) && kl_gather_is_inside(s, &ray, axis)) {
+        if (stays && bounce == 0 && !surf.front && kl_instance_moves(s, hit.instance) &&
+            kl_gather_is_inside(s, &ray, axis)) {
             ray.time = KL_TIME_REFERENCE;
-            --bounce;
+            stays = 0;
+            bounce = -1;
             continue;
         }
-        stays = 0;
         const kl_vec3 albedo = kl_gather_albedo(s, &surf, kl_v3_scale(ray.dir, -1.0f));
         if (bounce == 0) {
             out.distance = kl_dot(surf.smooth, axis) > KL_SAME_SIDE ? -hit.t : hit.t;
@@ -192,7 +196,11 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         }
         sum = kl_v3_add(sum, kl_v3_mul(beta, here));
         const float xi = kl_sampler_1d(&sampler);
-        const kl_answer a = kl_gather_query(s, level1, &set->query, &ray, &hit, &surf);
+        kl_asked at;
+        at.pos = surf.pos;
+        at.normal = surf.smooth;
+        if (kl_instance_moves(s, hit.instance)) at = kl_gather_carry(s, &ray, &hit, surf.front);
+        const kl_answer a = kl_cache_query(level1, &set->query, at.pos, at.normal, at.normal);
         if (a.weight > 0.0f && hit.t > xi * set->length_scale * a.radius) {
             sum = kl_v3_mad(sum, KL_INV_PI, kl_v3_mul(beta, a.irr));
             break;
@@ -221,16 +229,19 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
 KL_FN kl_stance kl_gather_stance(const kl_scene_view *s, const KL_GLOBAL kl_gather_point *point,
                                  const KL_GLOBAL kl_direction *direction)
 {
-    const kl_vec3 pos = kl_v3_load(point->pos);
     const kl_vec3 n = kl_oct_decode(point->normal);
-    const kl_vec3 ng = kl_oct_decode(point->geometric);
-    const kl_ride on = point->on;
-    float time = KL_TIME_REFERENCE;
+    kl_stance out;
+    out.pos = kl_v3_load(point->pos);
+    out.geometric = kl_oct_decode(point->geometric);
+    out.frame = kl_frame_from_normal(n);
+    out.time = KL_TIME_REFERENCE;
     if (KL_NEEDS(s, KL_NEED_MOTION)) {
+        const kl_ride on = point->on;
         const float u = direction->when + kl_unit_float(kl_hash(point->seed ^ 0x74696d65u));
-        time = kl_shutter_time(s->shutter_times, u < 1.0f ? u : u - 1.0f);
+        out.time = kl_shutter_time(s->shutter_times, u < 1.0f ? u : u - 1.0f);
+        if (on.instance != 0u) return kl_ride_to(s, &on, out.time, out.pos, n, out.geometric);
     }
-    return kl_ride_to(s, &on, time, pos, n, ng);
+    return out;
 }
 
 /* The ray of one cell of one record's hemisphere, below the triangle or not. */

@@ -63,8 +63,8 @@ KL_FN kl_corners kl_corners_of(const KL_GLOBAL float *values, const KL_GLOBAL kl
     k.c = kl_v3_load(values + 3 * t->v[2]);
     return k;
 }
-KL_FN kl_corners kl_corners_at(const KL_GLOBAL kl_moving *m, const KL_GLOBAL float *steps,
-                               const KL_GLOBAL kl_triangle *t, float time)
+KL_APART kl_corners kl_corners_at(const KL_GLOBAL kl_moving *m, const KL_GLOBAL float *steps,
+                                  const KL_GLOBAL kl_triangle *t, float time)
 {
     const kl_blend b = kl_blend_at(m->steps, time);
     kl_corners k;
@@ -80,7 +80,7 @@ typedef struct kl_map {
 } kl_map;
 
 /* `matrices`: of `steps` of them. */
-KL_FN kl_map kl_map_of(const KL_GLOBAL float *matrices, kl_u32 steps, float time)
+KL_APART kl_map kl_map_of(const KL_GLOBAL float *matrices, kl_u32 steps, float time)
 {
     const kl_blend b = kl_blend_at(steps, time);
     const KL_GLOBAL float *from = matrices + 12 * (size_t)b.step;
@@ -114,7 +114,7 @@ KL_FN kl_vec3 kl_map_back(const kl_map *x, kl_vec3 v)
                        scale);
 }
 /* By the inverse transpose up to a positive factor. */
-KL_FN kl_vec3 kl_map_normal(const kl_map *x, kl_vec3 n)
+KL_APART kl_vec3 kl_map_normal(const kl_map *x, kl_vec3 n)
 {
     const float *m = x->m;
     const kl_vec3 a = kl_v3(m[0], m[4], m[8]);
@@ -147,8 +147,8 @@ KL_FN int kl_instance_moves(const kl_scene_view *s, kl_u32 instance)
 }
 
 /* Corners of a triangle of an instance that moves, render space. */
-KL_FN kl_corners kl_moved_corners(const kl_scene_view *s, kl_u32 instance,
-                                  const KL_GLOBAL kl_triangle *t, float time)
+KL_APART kl_corners kl_moved_corners(const kl_scene_view *s, kl_u32 instance,
+                                     const KL_GLOBAL kl_triangle *t, float time)
 {
     const KL_GLOBAL kl_moving *m = &s->moving[instance];
     if (m->deforms) return kl_corners_at(m, s->step_positions, t, time);

@@ -52,16 +52,11 @@ KL_FN kl_frame kl_ride_frame(const kl_corners *from, const kl_corners *to, kl_ve
     return out;
 }
 
-/* Where a point is at a time that is there at the reference instant. */
-KL_FN kl_stance kl_ride_to(const kl_scene_view *s, const kl_ride *on, float time, kl_vec3 pos,
-                           kl_vec3 normal, kl_vec3 geometric)
+/* Where a point of the reference instant is at a time. */
+KL_APART kl_stance kl_ride_to(const kl_scene_view *s, const kl_ride *on, float time, kl_vec3 pos,
+                              kl_vec3 normal, kl_vec3 geometric)
 {
     kl_stance out;
-    out.time = time;
-    out.pos = pos;
-    out.geometric = geometric;
-    out.frame = kl_frame_from_normal(normal);
-    if (on->instance == 0u || time == KL_TIME_REFERENCE) return out;
     const KL_GLOBAL kl_triangle *t = &s->triangles[on->triangle];
     const kl_corners was = kl_moved_corners(s, on->instance, t, KL_TIME_REFERENCE);
     const kl_corners is = kl_moved_corners(s, on->instance, t, time);
@@ -69,6 +64,7 @@ KL_FN kl_stance kl_ride_to(const kl_scene_view *s, const kl_ride *on, float time
     const kl_corners to = kl_ride_basis(&is);
     const kl_vec3 step = kl_v3_sub(kl_lerp3(is.a, is.b, is.c, on->u, on->v),
                                    kl_lerp3(was.a, was.b, was.c, on->u, on->v));
+    out.time = time;
     out.pos = kl_v3_add(pos, step);
     out.geometric = kl_ride_frame(&from, &to, geometric).n;
     out.frame = kl_ride_frame(&from, &to, normal);

@@ -182,13 +182,14 @@ KL_FN void kl_surface_material(const kl_scene_view *s, const KL_GLOBAL kl_materi
     out->f90 = kl_v3_splat(weight * (1.0f - metallic) + metallic);
 }
 
-/* Everything about the hit of `ray`. */
-KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit *h,
-                         kl_surface *out)
+/* `motion`: a constant, so that scenes without it pay nothing. */
+KL_INLINE void kl_surface_find(const kl_scene_view *s, const kl_ray *ray, const kl_hit *h,
+                               int motion, kl_surface *out)
 {
     const KL_GLOBAL kl_triangle *t = &s->triangles[h->triangle];
-    const KL_GLOBAL kl_material *m = kl_material_at(s, t->material, ray->time);
-    const int moves = kl_instance_moves(s, h->instance);
+    const KL_GLOBAL kl_material *m =
+        motion ? kl_material_at(s, t->material, ray->time) : &s->materials[t->material];
+    const int moves = motion && kl_instance_moves(s, h->instance);
     kl_corners p = kl_corners_of(s->positions, t);
     kl_corners n = kl_corners_of(s->normals, t);
     if (moves && s->moving[h->instance].deforms) {
@@ -253,6 +254,27 @@ KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit
             const kl_rgba e = kl_material_texel(s, m, KL_TEX_EMISSIVE, &uv);
             out->emission = kl_v3_mul(out->emission, kl_v3(e.r, e.g, e.b));
         }
+    }
+}
+
+KL_APART void kl_surface_still(const kl_scene_view *s, const kl_ray *ray, const kl_hit *h,
+                               kl_surface *out)
+{
+    kl_surface_find(s, ray, h, 0, out);
+}
+KL_APART void kl_surface_moving(const kl_scene_view *s, const kl_ray *ray, const kl_hit *h,
+                                kl_surface *out)
+{
+    kl_surface_find(s, ray, h, 1, out);
+}
+/* Everything about the hit of `ray`. */
+KL_FN void kl_surface_at(const kl_scene_view *s, const kl_ray *ray, const kl_hit *h,
+                         kl_surface *out)
+{
+    if (KL_NEEDS(s, KL_NEED_MOTION)) {
+        kl_surface_moving(s, ray, h, out);
+    } else {
+        kl_surface_still(s, ray, h, out);
     }
 }
 
