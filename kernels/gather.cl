@@ -24,6 +24,22 @@ __kernel void kl_gather_rays(KL_SCENE_PARAMS, KL_LEVEL_PARAMS(level1),
         &scene, &level1, &settings, point, directions + (size_t)set * rays, cell, before + earlier);
 }
 
+/* Work-item i traces one ray, picks[i]. */
+__kernel void kl_gather_picked(KL_SCENE_PARAMS, KL_LEVEL_PARAMS(level1),
+                               const kl_gather_settings settings,
+                               const __global kl_gather_point *points,
+                               const __global kl_direction *directions,
+                               const __global kl_gather_pick *picks,
+                               __global kl_gather_cell *cells, const uint count)
+{
+    const size_t i = get_global_id(0);
+    if (i >= count) return;
+    KL_SCENE_VIEW;
+    KL_LEVEL_VIEW(level1);
+    cells[i] = kl_gather_direction(&scene, &level1, &settings, points + picks[i].point,
+                                   directions + picks[i].direction);
+}
+
 __kernel void kl_gather_reduce(const kl_gather_settings settings,
                                const __global kl_gather_point *points,
                                const __global kl_direction *directions,

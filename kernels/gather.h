@@ -32,6 +32,12 @@ typedef struct kl_direction {
 } kl_direction;
 KL_ASSERT_SIZE(kl_direction, 16);
 
+/* One ray out of a step: of point `point`, by direction `direction` of all the sets. */
+typedef struct kl_gather_pick {
+    kl_u32 point, direction;
+} kl_gather_pick;
+KL_ASSERT_SIZE(kl_gather_pick, 8);
+
 /* What one ray found. */
 typedef struct kl_gather_cell {
     float radiance[3]; /* [W m^-2 sr^-1], >= 0, finite */

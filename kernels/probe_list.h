@@ -53,6 +53,7 @@
 #define KL_PROBE_GATHER(T, F)                                                                     \
     T(kl_gather_point) F(kl_gather_point, geometric) F(kl_gather_point, rot_sin)                  \
     T(kl_ride) F(kl_ride, triangle) F(kl_ride, u) F(kl_ride, v) F(kl_gather_point, on)            \
+    T(kl_gather_pick) F(kl_gather_pick, direction)                                                \
     T(kl_direction) F(kl_direction, index) F(kl_direction, when)                                  \
     T(kl_gather_cell) F(kl_gather_cell, distance) F(kl_gather_cell, touch)                        \
     F(kl_gather_cell, toward) F(kl_gather_cell, light)                                            \

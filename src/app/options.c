@@ -613,10 +613,6 @@ static kl_status check_arguments(const struct kl_options *o, const struct kl_opt
     if (o->carry && o->cache_blend > 0) {
         return kl_fail(err, KL_ERR_USAGE, "--moving carry and --cache-blend exclude each other");
     }
-    if (o->carry && o->device != NULL && strncmp(o->device, "opencl", 6) == 0) {
-        return kl_fail(err, KL_ERR_USAGE, "--moving carry gathers on the host: no --device %s",
-                       o->device);
-    }
     return KL_OK;
 }
 

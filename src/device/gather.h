@@ -51,9 +51,22 @@ struct kl_gather_job {
     const kl_gather_point *points;
     size_t count;
     kl_gather_result *results; /* count of them, written */
-    kl_gather_cell **cells;    /* count of them, NULL; by the host, written: each record's last
-                                * cells, the caller's to free(), NULL where memory is out; NULL:
-                                * they are not wanted */
+    kl_gather_cell **cells;    /* count of them, NULL; written: each record's last cells, the
+                                * caller's to free(), NULL where memory is out; NULL: they are not
+                                * wanted */
+};
+
+/* Single rays of records, all of one step. */
+struct kl_gather_picks {
+    const kl_scene_view *scene;
+    const kl_level_view *level1;
+    const struct kl_gather_tables *tables;
+    kl_gather_settings settings; /* as kl_gather_job */
+    const kl_gather_point *points;
+    size_t point_count;
+    const kl_gather_pick *picks;
+    size_t count;
+    kl_gather_cell *cells; /* count of them, written */
 };
 
 /* The job's settings for one step. */
@@ -75,7 +88,12 @@ static inline bool kl_gather_is_done(const struct kl_gather_ladder *ladder, uint
     return result->error * y <= ladder->tolerance * kl_fmax(y, ladder->floor);
 }
 
+/* Hand record i's cells of its last step to who wants them. */
+void kl_gather_keep(const struct kl_gather_job *job, uint32_t step, size_t i,
+                    const kl_gather_cell *cells);
+
 /* Run on the host with Embree, all OpenMP threads. Results do not depend on their number. */
 kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err) KL_MUST_CHECK;
+void kl_gather_host_picks(const struct kl_gather_picks *picks);
 
 #endif

@@ -37,6 +37,7 @@ struct launch {
     kl_gather_point *points; /* count of them, as are the results */
     kl_gather_result *results;
     struct kl_device_buffer *cells;  /* written */
+    kl_gather_cell *kept;            /* the same on the host; NULL: nobody wants them */
     struct kl_device_buffer *before; /* cells of the step before; on the first step its own */
 };
 
@@ -182,9 +183,12 @@ static kl_status run_launch(struct job *j, struct launch *l, struct kl_err *err)
     struct kl_device_buffer *smooth = NULL;
     struct kl_device_buffer *results = NULL;
     kl_status st = prepare_step(j, l->step, err);
+    if (st == KL_OK && j->in->cells != NULL) {
+        st = kl_alloc_array(&l->kept, cell_bytes(j, l), 1, err);
+    }
     if (st == KL_OK) {
-        st = kl_device_buffer_create(device, KL_DEVICE_SCRATCH, NULL, cell_bytes(j, l), &l->cells,
-                                     err);
+        st = kl_device_buffer_create(device, l->kept != NULL ? KL_DEVICE_OUTPUT : KL_DEVICE_SCRATCH,
+                                     l->kept, cell_bytes(j, l), &l->cells, err);
     }
     if (st == KL_OK && l->before == NULL) l->before = l->cells;
     if (st == KL_OK) {
@@ -200,6 +204,7 @@ static kl_status run_launch(struct job *j, struct launch *l, struct kl_err *err)
     if (st == KL_OK) st = run_rays(j, l, points, from, err);
     if (st == KL_OK) st = run_reduce(j, l, points, smooth, results, err);
     if (st == KL_OK) st = kl_device_buffer_read(results, err);
+    if (st == KL_OK && l->kept != NULL) st = kl_device_buffer_read(l->cells, err);
     kl_device_buffer_destroy(points);
     kl_device_buffer_destroy(from);
     kl_device_buffer_destroy(smooth);
@@ -219,9 +224,15 @@ static kl_status climb(struct job *j, const struct launch *l, struct kl_err *err
     size_t left = 0;
     kl_status st = kl_alloc_array(&numbers, l->count, sizeof *numbers, err);
     if (st == KL_OK) st = kl_alloc_array(&from, l->count, sizeof *from, err);
+    const size_t side = j->in->ladder.steps[l->step]->side;
     for (uint32_t i = 0; st == KL_OK && i < l->count; ++i) {
         j->in->results[l->numbers[i]] = l->results[i];
-        if (kl_gather_is_done(&j->in->ladder, l->step, &l->results[i])) continue;
+        if (kl_gather_is_done(&j->in->ladder, l->step, &l->results[i])) {
+            if (l->kept != NULL) {
+                kl_gather_keep(j->in, l->step, l->numbers[i], l->kept + i * side * side);
+            }
+            continue;
+        }
         numbers[left] = l->numbers[i];
         from[left++] = i;
     }
@@ -261,6 +272,7 @@ static kl_status gather_step(struct job *j, uint32_t step, const uint32_t *numbe
         st = run_launch(j, &l, err);
         if (st == KL_OK) st = climb(j, &l, err);
         kl_device_buffer_destroy(l.cells);
+        free(l.kept);
     }
     free(points);
     free(results);
@@ -282,5 +294,74 @@ kl_status kl_gather_device_run(void *context, const struct kl_gather_job *job, s
     job_fini(&j);
     free(numbers);
     if (st != KL_OK) return kl_wrap(err, "gathering %zu records", job->count);
+    return KL_OK;
+}
+
+/* ---- single rays ---- */
+
+struct pick_buffers {
+    struct kl_device_level *level1;
+    struct kl_device_buffer *points, *directions;
+};
+
+static kl_status run_picks(struct kl_gather_device *g, const struct kl_gather_picks *p,
+                           const struct pick_buffers *b, size_t first, uint32_t count,
+                           struct kl_err *err)
+{
+    enum { FIRST = KL_SCENE_ARG_COUNT + KL_LEVEL_ARG_COUNT, COUNT = FIRST + 6 };
+    kl_gather_settings settings = p->settings;
+    struct kl_device_buffer *picks = NULL;
+    struct kl_device_buffer *cells = NULL;
+    struct kl_device_arg args[COUNT];
+
+    settings.side = p->tables->side;
+    settings.sets = p->tables->sets;
+    kl_status st = input(g, p->picks + first, count * sizeof *p->picks, &picks, err);
+    if (st == KL_OK) {
+        st = kl_device_buffer_create(g->device, KL_DEVICE_OUTPUT, p->cells + first,
+                                     count * sizeof *p->cells, &cells, err);
+    }
+    if (st == KL_OK) {
+        kl_device_scene_get_args(g->scene, args);
+        kl_device_level_get_args(b->level1, args + KL_SCENE_ARG_COUNT);
+        args[FIRST] = (struct kl_device_arg){.value = &settings, .size = sizeof settings};
+        args[FIRST + 1] = (struct kl_device_arg){.buffer = b->points};
+        args[FIRST + 2] = (struct kl_device_arg){.buffer = b->directions};
+        args[FIRST + 3] = (struct kl_device_arg){.buffer = picks};
+        args[FIRST + 4] = (struct kl_device_arg){.buffer = cells};
+        args[FIRST + 5] = (struct kl_device_arg){.value = &count, .size = sizeof count};
+        st = kl_device_run(g->program, "kl_gather_picked", args, COUNT, count, RAY_GROUP, err);
+    }
+    if (st == KL_OK) st = kl_device_buffer_read(cells, err);
+    kl_device_buffer_destroy(picks);
+    kl_device_buffer_destroy(cells);
+    return st;
+}
+
+kl_status kl_gather_device_picks(struct kl_gather_device *gather,
+                                 const struct kl_gather_picks *picks, struct kl_err *err)
+{
+    const size_t most = MAX_CELL_BYTES / sizeof(kl_gather_cell);
+    const struct kl_gather_tables *t = picks->tables;
+    struct pick_buffers b = {0};
+
+    if (picks->count == 0) return KL_OK;
+    kl_status st = kl_device_level_create(gather->device, picks->level1, &b.level1, err);
+    if (st == KL_OK) {
+        st = input(gather, picks->points, picks->point_count * sizeof *picks->points, &b.points,
+                   err);
+    }
+    if (st == KL_OK) {
+        st = input(gather, t->directions,
+                   (size_t)t->sets * t->side * t->side * sizeof *t->directions, &b.directions, err);
+    }
+    for (size_t first = 0; st == KL_OK && first < picks->count; first += most) {
+        const size_t n = picks->count - first < most ? picks->count - first : most;
+        st = run_picks(gather, picks, &b, first, (uint32_t)n, err);
+    }
+    kl_device_level_destroy(b.level1);
+    kl_device_buffer_destroy(b.points);
+    kl_device_buffer_destroy(b.directions);
+    if (st != KL_OK) return kl_wrap(err, "gathering %zu rays", picks->count);
     return KL_OK;
 }

@@ -25,4 +25,9 @@ const struct kl_device_info *kl_gather_device_get_info(const struct kl_gather_de
 kl_status kl_gather_device_run(void *context, const struct kl_gather_job *job,
                                struct kl_err *err) KL_MUST_CHECK;
 
+/* Single rays on the device, as kl_gather_host_picks. */
+kl_status kl_gather_device_picks(struct kl_gather_device *gather,
+                                 const struct kl_gather_picks *picks,
+                                 struct kl_err *err) KL_MUST_CHECK;
+
 #endif

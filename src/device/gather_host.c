@@ -29,8 +29,8 @@ static void gather_step(const struct kl_gather_job *job, uint32_t step, size_t i
                       &job->results[i]);
 }
 
-static void keep_cells(const struct kl_gather_job *job, uint32_t step, size_t i,
-                       const kl_gather_cell *cells)
+void kl_gather_keep(const struct kl_gather_job *job, uint32_t step, size_t i,
+                    const kl_gather_cell *cells)
 {
     const size_t side = job->ladder.steps[step]->side;
     struct kl_err ignored;
@@ -44,7 +44,7 @@ static void gather_record(const struct kl_gather_job *job, size_t i, struct scra
     for (uint32_t step = 0; step < job->ladder.count; ++step) {
         gather_step(job, step, i, &scratch);
         if (kl_gather_is_done(&job->ladder, step, &job->results[i])) {
-            keep_cells(job, step, i, scratch.now);
+            kl_gather_keep(job, step, i, scratch.now);
             break;
         }
         kl_gather_cell *free_again = scratch.before;
@@ -69,4 +69,19 @@ kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err)
     }
     free(all);
     return KL_OK;
+}
+
+void kl_gather_host_picks(const struct kl_gather_picks *picks)
+{
+    kl_gather_settings settings = picks->settings;
+
+    settings.side = picks->tables->side;
+    settings.sets = picks->tables->sets;
+#pragma omp parallel for schedule(dynamic, 256)
+    for (size_t i = 0; i < picks->count; ++i) {
+        const kl_gather_pick *pick = &picks->picks[i];
+        picks->cells[i] =
+            kl_gather_direction(picks->scene, picks->level1, &settings, &picks->points[pick->point],
+                                &picks->tables->directions[pick->direction]);
+    }
 }

@@ -69,3 +69,11 @@ kl_status kl_gatherer_run(void *context, const struct kl_gather_job *job, struct
     if (g->device == NULL) return kl_gather_host(job, err);
     return kl_gather_device_run(g->device, job, err);
 }
+
+kl_status kl_gatherer_run_picks(struct kl_gatherer *gatherer, const struct kl_gather_picks *picks,
+                                struct kl_err *err)
+{
+    if (gatherer->device != NULL) return kl_gather_device_picks(gatherer->device, picks, err);
+    kl_gather_host_picks(picks);
+    return KL_OK;
+}

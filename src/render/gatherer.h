@@ -17,5 +17,8 @@ void kl_gatherer_destroy(struct kl_gatherer *gatherer); /* accepts NULL */
 const char *kl_gatherer_get_name(const struct kl_gatherer *gatherer);
 /* A kl_gather_fn of src/render/fill.h; context: struct kl_gatherer. */
 kl_status kl_gatherer_run(void *context, const struct kl_gather_job *job, struct kl_err *err);
+/* Single rays, by whom records are gathered. */
+kl_status kl_gatherer_run_picks(struct kl_gatherer *gatherer, const struct kl_gather_picks *picks,
+                                struct kl_err *err) KL_MUST_CHECK;
 
 #endif

@@ -10,11 +10,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { FIRST_SLOTS = 4096, BATCH = 1024 };
+enum { FIRST_SLOTS = 4096, BATCH = 256 };
 static const size_t most_rays = (size_t)1 << 25; /* 1 GiB; records beyond are placed anew */
 static const float beside = 0.1f; /* of the image: records so far outside may still serve */
 
 struct kl_ledger {
+    struct kl_gatherer *gatherer; /* of this instant; borrowed */
     struct kl_ledger_entry *entries;
     size_t count, capacity;
     size_t rays;
@@ -32,6 +33,7 @@ static void entry_fini(struct kl_ledger_entry *e)
 {
     free(e->cells);
     free(e->waits);
+    free(e->kinds);
 }
 
 /* Forget all entries but those for which `stays`. */
@@ -66,6 +68,11 @@ static bool stays_if_there(const struct kl_ledger_entry *e)
     return !e->dropped;
 }
 
+void kl_ledger_use(struct kl_ledger *ledger, struct kl_gatherer *gatherer)
+{
+    ledger->gatherer = gatherer;
+}
+
 void kl_ledger_clear(struct kl_ledger *ledger)
 {
     sift(ledger, stays_never);
@@ -93,8 +100,9 @@ static kl_status note(struct kl_ledger *l, const struct kl_gather_job *job, size
                                 .age_frames = 1,
                                 .by_paths = job->level1->head.record_count == 0};
     const size_t rays = (size_t)e.side * e.side;
-    const kl_status st = kl_alloc_array(&e.waits, rays, sizeof *e.waits, err);
+    kl_status st = kl_alloc_array(&e.waits, rays, sizeof *e.waits, err);
 
+    if (st == KL_OK) st = kl_alloc_array(&e.kinds, rays, sizeof *e.kinds, err);
     if (st != KL_OK) {
         entry_fini(&e);
         return st;
@@ -114,7 +122,7 @@ kl_status kl_ledger_gather(void *context, const struct kl_gather_job *job, struc
         st = kl_grow_array(&l->entries, &l->capacity, l->count + job->count, sizeof *l->entries,
                            err);
     }
-    if (st == KL_OK) st = kl_gather_host(&own, err);
+    if (st == KL_OK) st = kl_gatherer_run(l->gatherer, &own, err);
     for (size_t i = 0; own.cells != NULL && i < job->count; ++i) {
         if (st != KL_OK || own.cells[i] == NULL || l->rays >= most_rays) {
             free(own.cells[i]);
@@ -302,6 +310,18 @@ static bool is_stopped(const struct kl_ledger *l, enum pass pass, size_t done,
            job->progress(job->progress_context, pass == VIEW ? 1 : 0, share, (uint32_t)l->count);
 }
 
+/* Where a record is now, and which of its rays have to be shot. */
+static void look_at(const struct kl_ledger_refresh *refresh, enum pass pass,
+                    struct kl_ledger_entry *e)
+{
+    const struct kl_gather_tables *tables = kl_ledger_tables(refresh->job, e->side);
+
+    kl_ledger_move_entry(refresh, e);
+    e->dropped = e->dropped || (pass == VIEW && !is_seen(refresh->job, &e->point));
+    if (e->dropped) return;
+    kl_ledger_judge_entry(refresh, e, kl_gather_directions(tables, e->point.seed));
+}
+
 static kl_status refresh_some(struct kl_ledger *l, enum pass pass,
                               const struct kl_ledger_refresh *refresh, struct kl_err *err)
 {
@@ -313,13 +333,10 @@ static kl_status refresh_some(struct kl_ledger *l, enum pass pass,
 #pragma omp parallel for schedule(dynamic, 4)
         for (size_t i = first; i < end; ++i) {
             struct kl_ledger_entry *e = &l->entries[i];
-            if (pass_of(e) != pass) continue;
-            kl_ledger_move_entry(refresh, e);
-            e->dropped = e->dropped || (pass == VIEW && !is_seen(refresh->job, &e->point));
-            if (e->dropped) continue;
-            kl_ledger_refresh_entry(refresh, e, &scratch[omp_get_thread_num()]);
+            if (pass_of(e) == pass) look_at(refresh, pass, e);
         }
-        if (is_stopped(l, pass, end, refresh->job)) {
+        st = kl_ledger_shoot(refresh, l->entries + first, end - first, scratch, err);
+        if (st == KL_OK && is_stopped(l, pass, end, refresh->job)) {
             st = kl_fail(err, KL_ERR_INTERRUPTED, "interrupted");
         }
     }
@@ -334,7 +351,7 @@ static kl_status refresh_all(struct kl_ledger *l, const struct kl_fill_job *job,
     struct kl_ledger_stir *stir = NULL;
     kl_status st = kl_alloc_array(&stir, 1, sizeof *stir, err);
     struct kl_ledger_refresh refresh = {
-        .job = job, .moved = moved, .stir = stir, .turn = ++l->turn};
+        .job = job, .gatherer = l->gatherer, .moved = moved, .stir = stir, .turn = ++l->turn};
 
     for (int pass = 0; st == KL_OK && pass < PASSES; ++pass) {
         refresh.level1 = kl_cache_view(job->cache, 1);

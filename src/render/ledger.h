@@ -4,6 +4,7 @@
 #define KL_SRC_RENDER_LEDGER_H
 
 #include "src/render/fill.h"
+#include "src/render/gatherer.h"
 #include "src/render/moved.h"
 
 struct kl_ledger;
@@ -11,8 +12,10 @@ struct kl_ledger;
 kl_status kl_ledger_create(struct kl_ledger **out, struct kl_err *err) KL_MUST_CHECK;
 void kl_ledger_destroy(struct kl_ledger *ledger); /* accepts NULL */
 void kl_ledger_clear(struct kl_ledger *ledger);
+/* Who gathers until the next call; stays until then. */
+void kl_ledger_use(struct kl_ledger *ledger, struct kl_gatherer *gatherer);
 
-/* A kl_gather_fn; context: struct kl_ledger. Gathers on the host and notes what rays met. */
+/* A kl_gather_fn; context: struct kl_ledger. Gathers, and notes what rays met. */
 kl_status kl_ledger_gather(void *context, const struct kl_gather_job *job, struct kl_err *err);
 
 /* The cache of the instant `time` is complete: keep what was noted of its records, forget the rest,

@@ -23,6 +23,7 @@ enum kl_ledger_kind {
     KL_RAY_TOUCHED,
     KL_RAY_KINDS
 };
+#define KL_RAY_DUE 0x80u /* has to be shot */
 
 /* One record and its rays. */
 struct kl_ledger_entry {
@@ -30,6 +31,8 @@ struct kl_ledger_entry {
     uint32_t level, side;
     kl_gather_cell *cells; /* side^2: what came back when each was last shot */
     uint8_t *waits;        /* side^2: turns since then in which the ray may have changed */
+    uint8_t *kinds;        /* side^2: kl_ledger_kind by the last refresh, and KL_RAY_DUE */
+    uint32_t due;          /* rays that a refresh under way has to shoot */
     struct kl_ledger_rate rates[KL_RAY_KINDS];
     uint32_t object;    /* that it lies on */
     kl_ride lies;       /* where; the instance is not told */
@@ -63,6 +66,7 @@ struct kl_ledger_stir {
 /* What all records of a level share while they are brought up to date. */
 struct kl_ledger_refresh {
     const struct kl_fill_job *job;
+    struct kl_gatherer *gatherer;
     const struct kl_moved *moved;
     kl_level_view level1; /* what is up to date of it: rays end there */
     const struct kl_ledger_stir *stir;
@@ -75,7 +79,6 @@ enum { KL_LEDGER_FADE = 4 }; /* frames in which a record comes or goes */
 /* Room for the rays of one record: a thread's own. */
 struct kl_ledger_scratch {
     kl_gather_cell cells[KL_LEDGER_CELLS], reduced[KL_LEDGER_CELLS];
-    uint8_t kinds[KL_LEDGER_CELLS];
 };
 
 /* `touch`: relative change from which on records tell others. `radius`: of the scene [m]. */
@@ -88,9 +91,21 @@ float kl_ledger_stir_at(const struct kl_ledger_stir *stir, kl_vec3 at);
 /* Take a record a frame further, along with what it lies on; it is dropped where its place is gone,
  * or it has left. */
 void kl_ledger_move_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry);
-/* Bring a record that was moved and not dropped up to date. */
+/* Which rays of a record that was moved and not dropped have to be shot. `directions`: of its set.
+ */
+void kl_ledger_judge_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry,
+                           const kl_direction *directions);
+/* Bring a record up to date of which rays were due; `brought`: by these, in their order. */
 void kl_ledger_refresh_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry,
+                             const struct kl_gather_tables *tables, const kl_gather_cell *brought,
                              struct kl_ledger_scratch *scratch);
+/* Shoot all rays that are due of `count` records, by whoever gathers, and bring these up to date.
+ * `scratch`: one a thread. */
+kl_status kl_ledger_shoot(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entries,
+                          size_t count, struct kl_ledger_scratch *scratch,
+                          struct kl_err *err) KL_MUST_CHECK;
+/* Tables of the records with side x side rays, among those that the job gathers by. */
+const struct kl_gather_tables *kl_ledger_tables(const struct kl_fill_job *job, uint32_t side);
 
 /* Records that were placed close together because something was near, and that could now be far
  * apart, give way to the oldest of them: at once in level 1, else they leave. */

@@ -23,18 +23,6 @@ struct stratum {
 };
 enum { FEW = 8 }; /* turns of rays that say nothing about others */
 
-/* Entries were gathered by the same ladders: one of them has the side. */
-static const struct kl_gather_tables *find_tables(const struct kl_fill_job *job, uint32_t side)
-{
-    const struct kl_gather_tables *found = job->ladder[0].steps[0];
-    for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        for (uint32_t i = 0; i < job->ladder[l].count; ++i) {
-            if (job->ladder[l].steps[i]->side == side) found = job->ladder[l].steps[i];
-        }
-    }
-    return found;
-}
-
 static bool is_in(const kl_u32 set[2], kl_u32 bit)
 {
     return bit < 64u && (set[bit >> 5] >> (bit & 31u) & 1u) != 0u;
@@ -113,32 +101,14 @@ static bool is_steady(enum kl_ledger_kind kind)
            kind == KL_RAY_RIDES;
 }
 
-static void shoot_ray(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
-                      const kl_gather_settings *set, const kl_direction *d, uint32_t i,
-                      struct stratum *s)
+void kl_ledger_judge_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry,
+                           const kl_direction *directions)
 {
-    const kl_gather_cell was = e->cells[i];
-    const kl_gather_cell is = kl_gather_direction(r->job->motion, &r->level1, set, &e->point, d);
-
-    for (int k = 0; k < 3; ++k) {
-        s->change[k] += (double)is.radiance[k] - (double)was.radiance[k];
-    }
-    s->turns += e->waits[i];
-    e->cells[i] = is;
-    e->waits[i] = 0;
-    ++e->shot;
-}
-
-/* Shoot what has to be; kinds[i] becomes KL_RAY_TOUCHED where that was done. */
-static void shoot(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
-                  const struct kl_gather_tables *tables, uint8_t *kinds, struct stratum *strata)
-{
-    const kl_direction *directions = kl_gather_directions(tables, e->point.seed);
+    const struct kl_ledger_refresh *r = refresh;
+    struct kl_ledger_entry *e = entry;
     const bool rides = r->moved->objects[e->object].moved;
-    kl_gather_settings set = r->job->gather;
 
-    set.side = e->side;
-    set.sets = tables->sets;
+    e->due = 0;
     for (uint32_t i = 0; i < e->side * e->side; ++i) {
         const kl_gather_cell *c = &e->cells[i];
         const kl_direction *d = &directions[i];
@@ -148,18 +118,36 @@ static void shoot(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
         if (fabsf(c->distance) <= near_steps * e->step) kind = KL_RAY_TOUCHED;
         if (kind <= KL_RAY_DIMS && e->waits[i] > 0) kind = KL_RAY_LAGS;
         if (is_steady(kind) && e->waits[i] < UINT8_MAX) ++e->waits[i];
-        struct stratum *s = &strata[kind];
-        kinds[i] = (uint8_t)kind;
+        e->kinds[i] = (uint8_t)kind;
         if (is_due(e, kind, kl_hash2(d->index, e->point.seed) + r->turn)) {
-            shoot_ray(r, e, &set, d, i, s);
-            kinds[i] = KL_RAY_TOUCHED;
-            continue;
-        }
-        s->waits += e->waits[i];
-        for (int k = 0; k < 3; ++k) {
-            s->others[k] += (double)c->radiance[k];
+            e->kinds[i] |= KL_RAY_DUE;
+            ++e->due;
         }
     }
+}
+
+/* What rays brought, in their order: into the ledger, and into what is known of their kinds. */
+static void take(struct kl_ledger_entry *e, const kl_gather_cell *brought, struct stratum *strata)
+{
+    for (uint32_t i = 0; i < e->side * e->side; ++i) {
+        struct stratum *s = &strata[e->kinds[i] & ~KL_RAY_DUE];
+        if ((e->kinds[i] & KL_RAY_DUE) == 0) {
+            s->waits += e->waits[i];
+            for (int k = 0; k < 3; ++k) {
+                s->others[k] += (double)e->cells[i].radiance[k];
+            }
+            continue;
+        }
+        for (int k = 0; k < 3; ++k) {
+            s->change[k] += (double)brought->radiance[k] - (double)e->cells[i].radiance[k];
+        }
+        s->turns += e->waits[i];
+        e->cells[i] = *brought++;
+        e->waits[i] = 0;
+        e->kinds[i] = KL_RAY_TOUCHED;
+    }
+    e->shot = e->due;
+    e->due = 0;
 }
 
 /* What rays of a kind that wait have changed by since they were shot, judged by those that had
@@ -183,8 +171,7 @@ static void drift_of(struct kl_ledger_entry *e, enum kl_ledger_kind kind, const 
 }
 
 /* The rays as they are now, by all that is known. */
-static void drift(struct kl_ledger_entry *e, const uint8_t *kinds, const struct stratum *strata,
-                  kl_gather_cell *cells)
+static void drift(struct kl_ledger_entry *e, const struct stratum *strata, kl_gather_cell *cells)
 {
     float factor[KL_RAY_KINDS][3];
 
@@ -195,7 +182,7 @@ static void drift(struct kl_ledger_entry *e, const uint8_t *kinds, const struct 
         }
     }
     for (uint32_t i = 0; i < e->side * e->side; ++i) {
-        const float *f = factor[kinds[i]];
+        const float *f = factor[e->kinds[i]];
         cells[i] = e->cells[i];
         for (int k = 0; k < 3; ++k) {
             cells[i].radiance[k] *= f[k];
@@ -238,16 +225,15 @@ static void reduce(const struct kl_ledger_refresh *r, struct kl_ledger_entry *e,
 }
 
 void kl_ledger_refresh_entry(const struct kl_ledger_refresh *refresh, struct kl_ledger_entry *entry,
+                             const struct kl_gather_tables *tables, const kl_gather_cell *brought,
                              struct kl_ledger_scratch *scratch)
 {
-    const struct kl_gather_tables *tables = find_tables(refresh->job, entry->side);
     const double before = (double)kl_luminance(kl_v3_load(entry->cold.irr));
     struct stratum strata[KL_RAY_KINDS];
 
     memset(strata, 0, sizeof strata);
-    shoot(refresh, entry, tables, scratch->kinds, strata);
-    if (entry->shot == 0) return;
-    drift(entry, scratch->kinds, strata, scratch->cells);
+    take(entry, brought, strata);
+    drift(entry, strata, scratch->cells);
     const double after = sum_up(scratch->cells, entry->side * entry->side, entry->cold.irr);
     entry->added = (float)(after - before);
     if (after != before) entry->change = before > 0.0 ? (float)fabs(after / before - 1.0) : 1.0f;

@@ -209,8 +209,7 @@ kl_status kl_renderer_set_instants(struct kl_renderer *renderer,
         st = kl_stand_create(r->scene, pose, r->flat, r->motion, &r->stand, err);
     }
     if (st == KL_OK && r->settings.indirect == KL_INDIRECT_CACHE) {
-        const char *device = r->ledger != NULL ? "embree" : r->settings.device;
-        st = kl_gatherer_create(device, r->flat, r->motion, &r->gatherer, err);
+        st = kl_gatherer_create(r->settings.device, r->flat, r->motion, &r->gatherer, err);
     }
     kl_pose_destroy(pose);
     if (st != KL_OK) {

@@ -26,7 +26,7 @@ struct kl_renderer_settings {
     uint32_t seed;      /* of the image samples */
     uint32_t animation; /* of the scene, KL_NONE: all of them */
     bool carry; /* in a moving scene, fill an instant from the records of the one before, if that
-                 * was the last to be filled; else each from nothing. The host gathers then. */
+                 * was the last to be filled; else each from nothing */
 };
 
 kl_status kl_renderer_create(const struct kl_scene *scene,

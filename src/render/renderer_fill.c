@@ -109,6 +109,7 @@ static kl_status open_ledger(struct kl_renderer *r, struct kl_fill_job *job,
     if (r->ledger == NULL) return KL_OK;
     job->gather_batch = kl_ledger_gather;
     job->gather_context = r->ledger;
+    kl_ledger_use(r->ledger, r->gatherer);
     if (r->stand == NULL) return KL_OK;
     if (kl_cache_count(r->cache, 0) + kl_cache_count(r->cache, 1) == 0) {
         return kl_ledger_carry(r->ledger, job, r->stand, r->earlier, stats, err);

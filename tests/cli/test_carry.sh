@@ -52,5 +52,17 @@ kl render "$SCENES/cornell.glb" "${quick[@]}" --cache-mode off --out still.exr >
 kl render "$SCENES/cornell.glb" "${quick[@]}" --cache-mode off --out still.exr --moving carry | head -n 1
 
 exits 1 kl render "${scene[@]}" --moving carry --cache-blend 1
-exits 1 kl render "${scene[@]}" --moving carry --device opencl
+
+# A device shoots the same rays.
+kl render "${scene[@]}" "${right[@]}" --frames 12-14 --moving carry --report host.json --out host.####.exr >/dev/null
+code=0
+kl render "${scene[@]}" "${right[@]}" --frames 12-14 --moving carry --device opencl --report device.json --out device.####.exr \
+    >/dev/null 2>&1 || code=$?
+if [[ $code == 2 ]]; then
+    echo "SKIPPED: no OpenCL device" >skipped.txt
+else
+    kl compare device.0014.exr host.0014.exr --layer diffuse_indirect --json=device.cmp >/dev/null
+    awk -v error="$(value device.cmp relmse)" -v a="$(rays device.json 2 | sum)" -v b="$(rays host.json 2 | sum)" \
+        'BEGIN { exit !(error < 1e-5 && a > 0.99 * b && a < 1.01 * b) }' || fail "the device differs"
+fi
 exits 1 kl render "${scene[@]}" --moving along
