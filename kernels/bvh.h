@@ -399,7 +399,7 @@ KL_FN kl_bvh_ray kl_bvh_enter(const kl_scene_view *scene, kl_u32 index, const kl
         r.bends = &scene->moving[index];
     } else {
         const kl_map x = kl_map_at(scene, &scene->moving[index], ray->time);
-        r.origin = kl_map_back(&x, kl_v3_sub(r.origin, kl_v3(x.m[3], x.m[7], x.m[11])));
+        r.origin = kl_map_point_back(&x, r.origin);
         r.dir = kl_map_back(&x, r.dir);
     }
     return r;

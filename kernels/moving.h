@@ -101,29 +101,42 @@ KL_FN kl_vec3 kl_map_point(const kl_map *x, kl_vec3 p)
                  m[4] * p.x + m[5] * p.y + m[6] * p.z + m[7],
                  m[8] * p.x + m[9] * p.y + m[10] * p.z + m[11]);
 }
-/* The vector that becomes v. */
-KL_FN kl_vec3 kl_map_back(const kl_map *x, kl_vec3 v)
+/* Rows of the inverse of a map's linear part, times its determinant. */
+typedef struct kl_adjugate {
+    kl_vec3 x, y, z;
+    float determinant;
+} kl_adjugate;
+
+KL_FN kl_adjugate kl_map_adjugate(const kl_map *x)
 {
     const float *m = x->m;
     const kl_vec3 a = kl_v3(m[0], m[4], m[8]);
     const kl_vec3 b = kl_v3(m[1], m[5], m[9]);
     const kl_vec3 c = kl_v3(m[2], m[6], m[10]);
-    const kl_vec3 bc = kl_cross(b, c);
-    const float scale = 1.0f / kl_dot(a, bc);
-    return kl_v3_scale(kl_v3(kl_dot(bc, v), kl_dot(kl_cross(c, a), v), kl_dot(kl_cross(a, b), v)),
-                       scale);
+    kl_adjugate out;
+    out.x = kl_cross(b, c);
+    out.y = kl_cross(c, a);
+    out.z = kl_cross(a, b);
+    out.determinant = kl_dot(a, out.x);
+    return out;
+}
+/* The vector that becomes v. */
+KL_FN kl_vec3 kl_map_back(const kl_map *x, kl_vec3 v)
+{
+    const kl_adjugate r = kl_map_adjugate(x);
+    return kl_v3_scale(kl_v3(kl_dot(r.x, v), kl_dot(r.y, v), kl_dot(r.z, v)), 1.0f / r.determinant);
+}
+/* The point that becomes p. */
+KL_FN kl_vec3 kl_map_point_back(const kl_map *x, kl_vec3 p)
+{
+    return kl_map_back(x, kl_v3_sub(p, kl_v3(x->m[3], x->m[7], x->m[11])));
 }
 /* By the inverse transpose up to a positive factor. */
 KL_APART kl_vec3 kl_map_normal(const kl_map *x, kl_vec3 n)
 {
-    const float *m = x->m;
-    const kl_vec3 a = kl_v3(m[0], m[4], m[8]);
-    const kl_vec3 b = kl_v3(m[1], m[5], m[9]);
-    const kl_vec3 c = kl_v3(m[2], m[6], m[10]);
-    const kl_vec3 bc = kl_cross(b, c);
-    const kl_vec3 sum =
-        kl_v3_mad(kl_v3_mad(kl_v3_scale(bc, n.x), n.y, kl_cross(c, a)), n.z, kl_cross(a, b));
-    return kl_dot(a, bc) < 0.0f ? kl_v3_scale(sum, -1.0f) : sum;
+    const kl_adjugate r = kl_map_adjugate(x);
+    const kl_vec3 sum = kl_v3_mad(kl_v3_mad(kl_v3_scale(r.x, n.x), n.y, r.y), n.z, r.z);
+    return r.determinant < 0.0f ? kl_v3_scale(sum, -1.0f) : sum;
 }
 
 /* A material at a time: of the nearest step. */

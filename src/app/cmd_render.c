@@ -121,7 +121,6 @@ static kl_status render_frame(struct run *run, size_t i, struct kl_report_frame 
         .cameras = job->frames[i].cameras,
         .camera_count = job->frames[i].camera_count,
         .times = job->shutter_times,
-        .time_count = job->shutter_times != NULL ? KL_SHUTTER_TIMES : 0,
         .blend = blend,
         .blend_count = kl_job_blend(job, i, blend),
         .frame = kl_rig_sample_number(job->rig, job->frames[i].frame),

@@ -79,6 +79,15 @@ static inline kl_gather_settings kl_gather_step(const struct kl_gather_job *job,
     return s;
 }
 
+/* The same for single rays. */
+static inline kl_gather_settings kl_gather_pick_settings(const struct kl_gather_picks *picks)
+{
+    kl_gather_settings s = picks->settings;
+    s.side = picks->tables->side;
+    s.sets = picks->tables->sets;
+    return s;
+}
+
 /* Is a record that was gathered on `step` good enough? */
 static inline bool kl_gather_is_done(const struct kl_gather_ladder *ladder, uint32_t step,
                                      const kl_gather_result *result)

@@ -309,13 +309,11 @@ static kl_status run_picks(struct kl_gather_device *g, const struct kl_gather_pi
                            struct kl_err *err)
 {
     enum { FIRST = KL_SCENE_ARG_COUNT + KL_LEVEL_ARG_COUNT, COUNT = FIRST + 6 };
-    kl_gather_settings settings = p->settings;
+    const kl_gather_settings settings = kl_gather_pick_settings(p);
     struct kl_device_buffer *picks = NULL;
     struct kl_device_buffer *cells = NULL;
     struct kl_device_arg args[COUNT];
 
-    settings.side = p->tables->side;
-    settings.sets = p->tables->sets;
     kl_status st = input(g, p->picks + first, count * sizeof *p->picks, &picks, err);
     if (st == KL_OK) {
         st = kl_device_buffer_create(g->device, KL_DEVICE_OUTPUT, p->cells + first,

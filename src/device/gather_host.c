@@ -73,10 +73,8 @@ kl_status kl_gather_host(const struct kl_gather_job *job, struct kl_err *err)
 
 void kl_gather_host_picks(const struct kl_gather_picks *picks)
 {
-    kl_gather_settings settings = picks->settings;
+    const kl_gather_settings settings = kl_gather_pick_settings(picks);
 
-    settings.side = picks->tables->side;
-    settings.sets = picks->tables->sets;
 #pragma omp parallel for schedule(dynamic, 256)
     for (size_t i = 0; i < picks->count; ++i) {
         const kl_gather_pick *pick = &picks->picks[i];

@@ -212,9 +212,7 @@ static float sample_time(const struct kl_frame_job *job, uint32_t i, uint32_t se
     kl_sampler sampler = kl_sampler_make(i, seed ^ 0x74696d65u);
     const float u = kl_sampler_1d(&sampler);
 
-    if (job->time_count < 2) return u;
-    const kl_blend b = kl_blend_at(job->time_count, u);
-    return kl_mix(job->times[b.step], job->times[b.step + 1], b.share);
+    return job->times != NULL ? kl_shutter_time(job->times, u) : u;
 }
 
 static uint32_t spread_bits(uint32_t x)

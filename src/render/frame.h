@@ -12,8 +12,7 @@ struct kl_frame_job {
     struct kl_camera camera;         /* at the reference instant */
     const struct kl_camera *cameras; /* evenly spaced while the shutter is open */
     uint32_t camera_count;           /* 0: it stands still */
-    const float *times;              /* inverse of the shutter curve's cumulative share, evenly */
-    uint32_t time_count;             /* spaced; 0: open all the time */
+    const float *times;              /* kl_scene_view.shutter_times; NULL: open all the time */
     struct kl_camera before;         /* one frame earlier: motion vectors */
     const struct kl_motion *before_motion; /* things one frame earlier; NULL: where they are */
     double origin[3]; /* [m] world position of render space's origin: the P layer */

@@ -2,6 +2,7 @@
 
 #include "src/base/memory.h"
 #include "src/render/moved_impl.h"
+#include "src/scene/matrix4.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -45,11 +46,10 @@ static void map_render(const double map[12], const double from[3], float out[12]
 /* A thing that is flattened, to a plane or to nothing, in a box of the world. */
 static struct kl_thing world_thing(const struct kl_thing *t)
 {
-    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
     const double *m = t->world_from_box;
     struct kl_thing out = *t;
 
-    memcpy(out.world_from_box, identity, sizeof identity);
+    kl_mat4_identity(out.world_from_box);
     for (int i = 0; i < 3; ++i) {
         out.lo[i] = m[12 + i];
         out.hi[i] = m[12 + i];
@@ -184,7 +184,7 @@ static bool meets(const struct kl_moved_box *box, const kl_ray *ray)
 
     if (box->steps > 0) {
         const kl_map x = kl_map_of(box->ways, box->steps, ray->time);
-        origin = kl_map_back(&x, kl_v3_sub(origin, kl_v3(x.m[3], x.m[7], x.m[11])));
+        origin = kl_map_point_back(&x, origin);
         dir = kl_map_back(&x, dir);
     }
     for (int k = 0; k < 3; ++k) {

@@ -320,7 +320,6 @@ kl_status kl_renderer_frame(struct kl_renderer *renderer, const struct kl_render
         .cameras = frame->cameras,
         .camera_count = frame->camera_count,
         .times = frame->times,
-        .time_count = frame->time_count,
         .before = frame->before,
         .before_motion = r->before,
         .spp = frame->spp,

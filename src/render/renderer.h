@@ -125,8 +125,7 @@ struct kl_renderer_frame {
     struct kl_camera camera, before; /* before: one frame earlier, for motion vectors */
     const struct kl_camera *cameras; /* while the shutter is open, evenly spaced; NULL: still */
     uint32_t camera_count;
-    const float *times; /* kl_frame_job; NULL: open all the time */
-    uint32_t time_count;
+    const float *times; /* as kl_renderer_instants; NULL: open all the time */
     const struct kl_renderer_blend
         *blend; /* each asked where the surface point is at its instant */
     uint32_t blend_count;

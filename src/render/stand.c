@@ -1,6 +1,7 @@
 /* How the things of a scene stand at an instant. */
 #include "src/base/memory.h"
 #include "src/render/moved_impl.h"
+#include "src/scene/matrix4.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -20,8 +21,7 @@ static void grow(struct kl_thing *t, double x, double y, double z)
 /* Nothing is in its box yet, which is the world's. */
 static void clear_box(struct kl_thing *t)
 {
-    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
-    memcpy(t->world_from_box, identity, sizeof identity);
+    kl_mat4_identity(t->world_from_box);
     for (int k = 0; k < 3; ++k) {
         t->lo[k] = INFINITY;
         t->hi[k] = -INFINITY;
