@@ -34,7 +34,7 @@
 #define KL_PROBE_LIGHTS(T, F)                                                                     \
     T(kl_light) F(kl_light, triangle) F(kl_light, color) F(kl_light, pos) F(kl_light, dir)        \
     F(kl_light, edge1) F(kl_light, two_sided) F(kl_light, edge2) F(kl_light, textured)            \
-    T(kl_light_node) F(kl_light_node, power) F(kl_light_node, box_max) F(kl_light_node, axis)     \
+    T(kl_light_node) F(kl_light_node, power) F(kl_light_node, radius) F(kl_light_node, axis)     \
     F(kl_light_node, parent) F(kl_light_node, child) F(kl_light_node, light)                      \
     T(kl_environment) F(kl_environment, light) F(kl_environment, scale)                           \
     T(kl_scene_scalars) F(kl_scene_scalars, far_probability)                                      \

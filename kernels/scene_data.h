@@ -120,16 +120,17 @@ KL_ASSERT_SIZE(kl_light, 96);
 /* Binary tree over the lights that are somewhere: Conty Estevez and Kulla, "Importance Sampling of
  * Many Lights with Adaptive Tree Splitting", HPG 2018. Node 0 is the root. */
 typedef struct kl_light_node {
-    float box_min[3];
-    float power; /* of all lights below, luminance */
-    float box_max[3];
-    float cos_cone; /* emitting normals lie within this cone about axis; -1: any direction */
-    float axis[3];
+    float center[3]; /* of a sphere that holds all lights below */
+    float radius;    /* [m] */
+    float axis[3];   /* emitting normals lie within a cone about it */
+    float cos_cone;  /* -1: any direction */
+    float sin_cone;
+    float power;      /* of all lights below, luminance */
     kl_u32 parent;    /* KL_NONE at the root */
     kl_u32 child;     /* first of two neighbouring children; KL_NONE at a leaf */
     kl_u32 light;     /* at a leaf */
     kl_u32 two_sided; /* 1: also emits against the cone */
-    kl_u32 pad;
+    kl_u32 pad[2];
 } kl_light_node;
 KL_ASSERT_SIZE(kl_light_node, 64);
 

@@ -3,6 +3,7 @@
 #include "src/base/memory.h"
 
 #include <float.h>
+#include <math.h>
 #include <stdlib.h>
 
 float kl_light_power(const kl_light *l)
@@ -16,34 +17,36 @@ float kl_light_power(const kl_light *l)
 
 struct builder {
     kl_light *lights;
-    const kl_light_node *leaves; /* may be NULL */
-    uint32_t *order;             /* light numbers, partitioned in place */
+    const struct kl_light_bounds *leaves; /* may be NULL */
+    uint32_t *order;                      /* light numbers, partitioned in place */
     kl_light_node *nodes;
+    struct kl_light_bounds *bounds; /* of every node */
     uint32_t used;
 };
 
-void kl_light_node_init(const kl_light *l, kl_light_node *node)
+void kl_light_bounds_init(const kl_light *l, struct kl_light_bounds *out)
 {
     for (int k = 0; k < 3; ++k) {
         const float a = l->pos[k];
         const float b = l->type == KL_LIGHT_TRIANGLE ? a + l->edge1[k] : a;
         const float c = l->type == KL_LIGHT_TRIANGLE ? a + l->edge2[k] : a;
-        node->box_min[k] = fminf(a, fminf(b, c));
-        node->box_max[k] = fmaxf(a, fmaxf(b, c));
+        out->box_min[k] = fminf(a, fminf(b, c));
+        out->box_max[k] = fmaxf(a, fmaxf(b, c));
     }
-    node->power = kl_light_power(l);
-    node->cos_cone = -1.0f;
-    node->two_sided = l->two_sided;
+    out->power = kl_light_power(l);
+    out->cos_cone = -1.0f;
+    out->two_sided = l->two_sided;
     if (l->type != KL_LIGHT_TRIANGLE) return; /* spots are left open: cheap and safe */
     const kl_vec3 n = kl_normalize(kl_cross(kl_v3_load(l->edge1), kl_v3_load(l->edge2)));
-    node->axis[0] = n.x;
-    node->axis[1] = n.y;
-    node->axis[2] = n.z;
-    node->cos_cone = 1.0f;
+    out->axis[0] = n.x;
+    out->axis[1] = n.y;
+    out->axis[2] = n.z;
+    out->cos_cone = 1.0f;
 }
 
 /* A cone that holds two cones: axis and cosine into `out`; open where none narrower does. */
-static void merge_cones(const kl_light_node *a, const kl_light_node *b, kl_light_node *out)
+static void merge_cones(const struct kl_light_bounds *a, const struct kl_light_bounds *b,
+                        struct kl_light_bounds *out)
 {
     const kl_vec3 u = kl_v3_load(a->axis);
     kl_vec3 v = kl_v3_load(b->axis);
@@ -66,7 +69,8 @@ static void merge_cones(const kl_light_node *a, const kl_light_node *b, kl_light
     out->cos_cone = cosf(reach);
 }
 
-void kl_light_node_merge(const kl_light_node *a, const kl_light_node *b, kl_light_node *out)
+void kl_light_bounds_merge(const struct kl_light_bounds *a, const struct kl_light_bounds *b,
+                           struct kl_light_bounds *out)
 {
     for (int k = 0; k < 3; ++k) {
         out->box_min[k] = fminf(a->box_min[k], b->box_min[k]);
@@ -74,6 +78,26 @@ void kl_light_node_merge(const kl_light_node *a, const kl_light_node *b, kl_ligh
     }
     out->power = a->power + b->power;
     merge_cones(a, b, out);
+}
+
+/* What the kernels ask a node. The sphere makes up for its centre's rounding. */
+static void set_bounds(kl_light_node *node, const struct kl_light_bounds *b)
+{
+    double r2 = 0.0;
+    double off2 = 0.0;
+    for (int k = 0; k < 3; ++k) {
+        const double lo = (double)b->box_min[k];
+        const double hi = (double)b->box_max[k];
+        node->center[k] = (float)(0.5 * (lo + hi));
+        node->axis[k] = b->axis[k];
+        r2 += 0.25 * (hi - lo) * (hi - lo);
+        off2 += pow(0.5 * (lo + hi) - (double)node->center[k], 2.0);
+    }
+    node->radius = (float)((sqrt(r2) + sqrt(off2)) * (1.0 + 1e-6));
+    node->cos_cone = b->cos_cone;
+    node->sin_cone = sqrtf(fmaxf(0.0f, 1.0f - b->cos_cone * b->cos_cone));
+    node->power = b->power;
+    node->two_sided = b->two_sided;
 }
 
 static float light_center(const kl_light *l, int axis)
@@ -128,17 +152,14 @@ static void split_all(struct builder *b, uint32_t count, struct job *stack)
         node->child = KL_NONE;
         node->light = KL_NONE;
         if (job.last - job.first == 1) {
-            kl_light *light = &b->lights[b->order[job.first]];
-            const uint32_t parent = node->parent;
+            const uint32_t number = b->order[job.first];
             if (b->leaves != NULL) {
-                *node = b->leaves[b->order[job.first]];
+                b->bounds[job.node] = b->leaves[number];
             } else {
-                kl_light_node_init(light, node);
+                kl_light_bounds_init(&b->lights[number], &b->bounds[job.node]);
             }
-            node->parent = parent;
-            node->child = KL_NONE;
-            node->light = b->order[job.first];
-            light->leaf = job.node;
+            node->light = number;
+            b->lights[number].leaf = job.node;
             continue;
         }
         const uint32_t split = split_lights(b, job.first, job.last);
@@ -152,7 +173,7 @@ static void split_all(struct builder *b, uint32_t count, struct job *stack)
 }
 
 kl_status kl_light_tree_build(kl_light *lights, uint32_t first, uint32_t count,
-                              const kl_light_node *leaves, kl_light_node **nodes,
+                              const struct kl_light_bounds *leaves, kl_light_node **nodes,
                               uint32_t *node_count, struct kl_err *err)
 {
     struct builder b = {.lights = lights, .leaves = leaves};
@@ -164,6 +185,7 @@ kl_status kl_light_tree_build(kl_light *lights, uint32_t first, uint32_t count,
     *node_count = 0;
     if (n == 0) return KL_OK;
     st = kl_alloc_array(&b.nodes, 2 * (size_t)n - 1, sizeof *b.nodes, err);
+    if (st == KL_OK) st = kl_alloc_array(&b.bounds, 2 * (size_t)n - 1, sizeof *b.bounds, err);
     if (st == KL_OK) st = kl_alloc_array(&b.order, n, sizeof *b.order, err);
     if (st == KL_OK) st = kl_alloc_array(&stack, (size_t)n + 1, sizeof *stack, err);
     if (st != KL_OK) goto cleanup;
@@ -172,9 +194,11 @@ kl_status kl_light_tree_build(kl_light *lights, uint32_t first, uint32_t count,
     }
     split_all(&b, n, stack);
     for (uint32_t i = b.used; i-- > 0;) {
-        kl_light_node *node = &b.nodes[i];
-        if (node->child == KL_NONE) continue;
-        kl_light_node_merge(&b.nodes[node->child], &b.nodes[node->child + 1], node);
+        const uint32_t child = b.nodes[i].child;
+        if (child != KL_NONE) {
+            kl_light_bounds_merge(&b.bounds[child], &b.bounds[child + 1], &b.bounds[i]);
+        }
+        set_bounds(&b.nodes[i], &b.bounds[i]);
     }
     *nodes = b.nodes;
     *node_count = b.used;
@@ -183,6 +207,7 @@ kl_status kl_light_tree_build(kl_light *lights, uint32_t first, uint32_t count,
 cleanup:
     free(stack);
     free(b.order);
+    free(b.bounds);
     free(b.nodes);
     return st;
 }

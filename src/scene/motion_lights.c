@@ -143,15 +143,15 @@ static kl_status bright_init(struct kl_motion_job *job, struct bright *b, struct
 
 /* Bounds of a light over the whole span. */
 static void leaf_over_span(const struct kl_motion *m, const kl_light *light, uint32_t motion,
-                           kl_light_node *leaf)
+                           struct kl_light_bounds *leaf)
 {
     const bool glows = light->type == KL_LIGHT_TRIANGLE;
     const uint32_t steps = glows ? m->moving[motion].steps : STEPS;
 
-    kl_light_node_init(light, leaf);
+    kl_light_bounds_init(light, leaf);
     for (uint32_t k = 0; k < steps; ++k) {
-        const kl_light_node before = *leaf;
-        kl_light_node node;
+        const struct kl_light_bounds before = *leaf;
+        struct kl_light_bounds node;
         kl_light there = *light;
         if (glows) {
             const kl_corners c = kl_moved_corners(&m->view, motion, &m->triangles[light->triangle],
@@ -168,8 +168,8 @@ static void leaf_over_span(const struct kl_motion *m, const kl_light *light, uin
         } else {
             memcpy(there.pos, m->step_lights[motion + k].pos, sizeof there.pos);
         }
-        kl_light_node_init(&there, &node);
-        kl_light_node_merge(&before, &node, leaf);
+        kl_light_bounds_init(&there, &node);
+        kl_light_bounds_merge(&before, &node, leaf);
         leaf->power = fmaxf(before.power, node.power);
     }
     if (leaf->cos_cone > -1.0f) {
@@ -219,7 +219,7 @@ kl_status kl_motion_add_lights(struct kl_motion_job *job, struct kl_err *err)
     struct kl_motion *m = job->motion;
     struct bright bright;
     struct kl_flat_lights list = {0};
-    kl_light_node *leaves = NULL;
+    struct kl_light_bounds *leaves = NULL;
     kl_status st = bright_init(job, &bright, err);
 
     if (st == KL_OK) st = kl_flat_list_lights(job->scene, &bright.pose, &bright.flat, &list, err);
@@ -236,7 +236,7 @@ kl_status kl_motion_add_lights(struct kl_motion_job *job, struct kl_err *err)
         if (m->light_motion[i] != KL_NONE) {
             leaf_over_span(m, &list.items[i], m->light_motion[i], &leaves[i]);
         } else {
-            kl_light_node_init(&list.items[i], &leaves[i]);
+            kl_light_bounds_init(&list.items[i], &leaves[i]);
         }
     }
     st = kl_light_tree_build(list.items, list.far_count, list.count, leaves, &m->light_nodes,

@@ -282,7 +282,7 @@ static void squash_and_stretch_over_time(void **state)
 {
     struct hard_stage stage;
     (void)state;
-    hard_begin(&stage, squash_furnace(), KL_INDIRECT_CACHE, 0.02, rays, false);
+    hard_begin(&stage, squash_furnace(), KL_INDIRECT_CACHE, 0.02, 16 * rays, false);
     expect_furnace(&stage, 1.0, 0.0);
     expect_furnace(&stage, 0.5, 1.0); /* all of it while the shutter is open */
     hard_close(&stage);

@@ -63,9 +63,8 @@ static void add_lights(struct lit_scene *s)
                               .triangle = KL_NONE,
                               .color = {1.0f, 2.0f, 4.0f},
                               .pos = {0.1f, 1.5f, -0.3f}};
-    s->root = (kl_light_node){.box_min = {0.1f, 1.5f, -0.3f},
+    s->root = (kl_light_node){.center = {0.1f, 1.5f, -0.3f},
                               .power = 1.0f,
-                              .box_max = {0.1f, 1.5f, -0.3f},
                               .cos_cone = -1.0f,
                               .parent = KL_NONE,
                               .child = KL_NONE,

@@ -13,7 +13,7 @@
 #include <stdlib.h>
 
 struct rig {
-    kl_light lights[64];
+    kl_light lights[704];
     uint32_t count, far;
     kl_light_node *nodes;
     kl_scene_view view;
@@ -315,10 +315,84 @@ static void no_light_is_lost(void **state)
     }
 }
 
+/* Of one light sample at p: what it varies by over what it says, squared. */
+static double relative_variance(const struct rig *r, kl_vec3 p, kl_vec3 n, struct random *random)
+{
+    enum { SAMPLES = 1 << 14 };
+    double sum = 0.0;
+    double squares = 0.0;
+    for (int i = 0; i < SAMPLES; ++i) {
+        kl_light_sample l;
+        const float choice = random_float(random);
+        const kl_vec2 u = {random_float(random), random_float(random)};
+        if (!kl_light_sample_one(&r->view, p, n, KL_TIME_REFERENCE, choice, u, &l)) continue;
+        const double e = fmax(0.0, (double)kl_dot(n, l.wi)) / (double)l.pdf;
+        sum += e / SAMPLES;
+        squares += e * e / SAMPLES;
+    }
+    return squares / (sum * sum) - 1.0;
+}
+
+/* A hall under 18 x 18 small panels: most of its lights are far, and the tree's upper nodes hold
+ * the receiver. What one sample says varies little. */
+static void many_panels(void **state)
+{
+    enum { ACROSS = 18, POINTS = 20 };
+    const kl_vec3 up = kl_v3(0.0f, 0.0f, 1.0f);
+    struct random random = {9};
+    struct rig r = {0};
+    double variance = 0.0;
+    (void)state;
+    for (int i = 0; i < ACROSS * ACROSS; ++i) {
+        const kl_vec3 a = kl_v3(4.0f * (float)(i % ACROSS), 4.0f * (float)(i / ACROSS), 3.0f);
+        const kl_vec3 b = kl_v3(a.x, a.y + 1.5f, a.z);
+        const kl_vec3 c = kl_v3(a.x + 0.3f, a.y + 1.5f, a.z);
+        const kl_vec3 d = kl_v3(a.x + 0.3f, a.y, a.z);
+        add_triangle(&r, a, b, c, 1.0f, 0);
+        add_triangle(&r, a, c, d, 1.0f, 0);
+    }
+    rig_finish(&r);
+    for (int k = 0; k < POINTS; ++k) {
+        const kl_vec3 p = kl_v3(random_range(&random, 4, 64), random_range(&random, 4, 64), 0.0f);
+        variance += relative_variance(&r, p, up, &random) / POINTS;
+    }
+    print_message("relative variance of one sample: %.2f\n", variance);
+    assert_true(variance < 1.0); /* 6 while one node after the other was chosen from the root */
+    free(r.nodes);
+}
+
+/* A corridor of 2 by 2 by 82, all of it shining: long triangles are near though the middles of
+ * their spheres are not. */
+static void long_walls(void **state)
+{
+    const kl_vec3 corners[4] = {{-1, -1, 0}, {1, -1, 0}, {1, 1, 0}, {-1, 1, 0}};
+    struct random random = {4};
+    struct rig r = {0};
+    (void)state;
+    for (int k = 0; k < 4; ++k) {
+        const kl_vec3 a = corners[k];
+        const kl_vec3 b = corners[(k + 1) % 4];
+        const kl_vec3 c = kl_v3(b.x, b.y, -82.0f);
+        const kl_vec3 d = kl_v3(a.x, a.y, -82.0f);
+        add_triangle(&r, a, b, c, 1.0f, 1);
+        add_triangle(&r, a, c, d, 1.0f, 1);
+    }
+    add_triangle(&r, corners[0], corners[1], corners[2], 1.0f, 1);
+    add_triangle(&r, corners[0], corners[2], corners[3], 1.0f, 1);
+    rig_finish(&r);
+    const kl_vec3 p = kl_v3(0.2f, 0.3f, -1.0f);
+    const double variance = relative_variance(&r, p, kl_v3(0.0f, 0.0f, 1.0f), &random);
+    print_message("relative variance of one sample: %.2f\n", variance);
+    assert_true(variance < 2.0); /* 17 by the spheres about them */
+    free(r.nodes);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(polygons),
+        cmocka_unit_test(many_panels),
+        cmocka_unit_test(long_walls),
         cmocka_unit_test(disc),
         cmocka_unit_test(triangle_density),
         cmocka_unit_test(punctual),
