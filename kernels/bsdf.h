@@ -158,4 +158,29 @@ KL_FN kl_vec3 kl_specular_sample(const kl_surface *s, kl_vec3 wo, kl_vec2 u, kl_
     return kl_v3_scale(value, 1.0f / *pdf);
 }
 
+/* A lobe this blunt keeps its direction in gathers: pi times its value at normal incidence is a
+ * quarter of a white base's at most, where it is brightest. */
+KL_FN int kl_is_blunt(const kl_surface *s)
+{
+    const float alpha = kl_ggx_alpha(s);
+    return kl_max3(s->f0) <= alpha * alpha;
+}
+
+/* How much more light from wi a surface sends towards wo than a Lambertian one of its gather albedo
+ * would: 1 on average over wi, and everywhere for lobes that are not blunt. */
+KL_FN kl_vec3 kl_gather_shape(const kl_scene_view *scene, const kl_surface *s, kl_vec3 albedo,
+                              kl_vec3 wo, kl_vec3 wi)
+{
+    const kl_vec3 one = kl_v3_splat(1.0f);
+    float pdf;
+    if (!KL_NEEDS(scene, KL_NEED_SPECULAR) || !kl_has_specular(s) || !kl_is_blunt(s)) return one;
+    const float ci = kl_fmax(kl_dot(s->shading, wi), 1e-6f);
+    const kl_vec3 mean = kl_specular_albedo(s, kl_dot(s->shading, wo));
+    const kl_vec3 lobe = kl_v3_scale(kl_specular_eval(s, wo, wi, &pdf), KL_PI / ci);
+    const kl_vec3 more = kl_v3_sub(lobe, mean);
+    return kl_v3(albedo.x > 0.0f ? kl_fmax(0.0f, 1.0f + more.x / albedo.x) : 1.0f,
+                 albedo.y > 0.0f ? kl_fmax(0.0f, 1.0f + more.y / albedo.y) : 1.0f,
+                 albedo.z > 0.0f ? kl_fmax(0.0f, 1.0f + more.z / albedo.z) : 1.0f);
+}
+
 #endif

@@ -180,7 +180,8 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
             bounce = -1;
             continue;
         }
-        const kl_vec3 albedo = kl_gather_albedo(s, &surf, kl_v3_scale(ray.dir, -1.0f));
+        const kl_vec3 wo = kl_v3_scale(ray.dir, -1.0f);
+        const kl_vec3 albedo = kl_gather_albedo(s, &surf, wo);
         if (bounce == 0) {
             out.distance = kl_dot(surf.smooth, axis) > KL_SAME_SIDE ? -hit.t : hit.t;
             first = albedo;
@@ -193,7 +194,10 @@ KL_FN kl_gather_cell kl_gather_ray(const kl_scene_view *s, const kl_level_view *
         const float choice = kl_sampler_1d(&sampler);
         const kl_vec2 u = kl_sampler_2d(&sampler);
         kl_light_sample sample;
-        const kl_vec3 here = kl_direct_lambert(s, &surf, choice, u, &sample);
+        kl_vec3 here = kl_direct_lambert(s, &surf, choice, u, &sample);
+        if (!kl_is_black(here)) {
+            here = kl_v3_mul(here, kl_gather_shape(s, &surf, albedo, wo, sample.wi));
+        }
         if (bounce == 0) {
             direct = here;
             light = sample.light;

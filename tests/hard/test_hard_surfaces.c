@@ -196,6 +196,38 @@ static void shadow_terminators_have_no_blotches(void **state)
     kl_image_destroy(paths);
 }
 
+/* A canopy over a floor that shines bluntly under a low sun: light is thrown forward, in under the
+ * canopy. */
+static struct kl_scene *low_sun(void)
+{
+    struct kl_scene *s = hard_scene();
+    const uint32_t node = hard_node(s, NULL);
+    const uint32_t grey = hard_material(s, 0.5, 0.0);
+    const uint32_t floor = hard_material(s, 0.2, 0.0);
+    s->materials[floor].roughness = 0.5f;
+    s->materials[floor].specular = 1.0f;
+    for (int k = 0; k < 3; ++k)
+        s->materials[floor].specular_color[k] = 1.0f;
+    hard_quad(s, node, floor, (double[]){-4, 0, -4}, (double[]){0, 0, 8}, (double[]){6, 0, 0});
+    hard_quad(s, node, grey, (double[]){0, 1, -2}, (double[]){2, 0, 0}, (double[]){0, 0, 4});
+    hard_sun(s, (double[]){0.94, -0.341174, 0}, 10.0);
+    (void)hard_camera(s, (double[]){-0.4, 0.2, 0}, (double[]){1, 1, 0}, 0.7);
+    return s;
+}
+
+static void blunt_lobes_keep_their_direction(void **state)
+{
+    struct kl_image *cached = hard_image(low_sun(), KL_INDIRECT_CACHE, SIDE, 4, NULL);
+    struct kl_image *paths = hard_image(low_sun(), KL_INDIRECT_PATH, SIDE, 1024, NULL);
+    double ratio;
+    const double rms = hard_difference(cached, paths, "diffuse_indirect.G", &ratio);
+    (void)state;
+    hard_expect("indirect light over that of paths", ratio, 1.0, 0.02);
+    hard_expect("rms", rms, 0.0, 0.05);
+    kl_image_destroy(cached);
+    kl_image_destroy(paths);
+}
+
 /* 10. A floor to the horizon: fewer records than pixels. */
 static void grazing_views_stay_finite(void **state)
 {
@@ -395,6 +427,7 @@ int main(void)
         cmocka_unit_test(thin_walls_stop_light),
         cmocka_unit_test(curved_surfaces_are_flat_in_a_furnace),
         cmocka_unit_test(shadow_terminators_have_no_blotches),
+        cmocka_unit_test(blunt_lobes_keep_their_direction),
         cmocka_unit_test(grazing_views_stay_finite),
         cmocka_unit_test(nothing_is_black),
         cmocka_unit_test(inside_of_solids_is_dark),

@@ -174,6 +174,34 @@ static void base_and_lobe_gain_no_energy(void **state)
     assert_true(worst <= 1.035); /* what the table of the lobe's albedo promises */
 }
 
+/* What gathers see of a blunt lobe has its direction and the energy of its gather albedo; other
+ * lobes are as good as Lambertian. */
+static void gathers_see_blunt_lobes(void **state)
+{
+    enum { N = 1 << 13 };
+    (void)state;
+    for (size_t r = 0; r < sizeof roughnesses / sizeof *roughnesses; ++r) {
+        const kl_surface s = surface_of(roughnesses[r], 0.04f, 1.0f, 0.5f);
+        for (size_t c = 0; c < sizeof cosines / sizeof *cosines; ++c) {
+            const kl_vec3 wo = view_at(cosines[c]);
+            const kl_vec3 albedo = kl_gather_albedo(&scene, &s, wo);
+            double mean = 0.0;
+            for (uint32_t i = 0; i < N; ++i) {
+                const kl_vec3 wi = kl_cosine_direction(kl_sobol_2d(i, 3));
+                const kl_vec3 shape = kl_gather_shape(&scene, &s, albedo, wo, wi);
+                assert_true(kl_v3_isfinite(shape) && shape.y >= 0.0f);
+                if (!kl_is_blunt(&s)) assert_true(shape.y == 1.0f);
+                mean += (double)(shape.y * albedo.y) / N;
+            }
+            assert_true(fabs(mean - (double)albedo.y) < 0.035);
+            if (!kl_is_blunt(&s) || cosines[c] > 0.6f) continue;
+            const kl_vec3 mirrored = kl_v3(-wo.x, -wo.y, wo.z);
+            assert_true(kl_gather_shape(&scene, &s, albedo, wo, mirrored).y >
+                        kl_gather_shape(&scene, &s, albedo, wo, wo).y);
+        }
+    }
+}
+
 static void no_lobe_leaves_the_base(void **state)
 {
     const kl_surface s = surface_of(0.5f, 0.0f, 0.0f, 0.7f);
@@ -190,6 +218,7 @@ int main(void)
         cmocka_unit_test(lobe_is_reciprocal),
         cmocka_unit_test(nothing_below_the_surface),
         cmocka_unit_test(base_and_lobe_gain_no_energy),
+        cmocka_unit_test(gathers_see_blunt_lobes),
         cmocka_unit_test(no_lobe_leaves_the_base),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
