@@ -2,7 +2,7 @@
  * emitter by chance weigh it against that (multiple importance sampling) or leave it out. */
 #ifndef KL_KERNELS_LIGHTS_H
 #define KL_KERNELS_LIGHTS_H
-#include "kernels/light_tree.h"
+#include "kernels/light_choice.h"
 
 typedef struct kl_light_sample {
     kl_vec3 radiance; /* what arrives if nothing blocks, divided by nothing: [nit], or for points

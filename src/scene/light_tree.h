@@ -1,4 +1,4 @@
-/* Binary tree over the lights that are somewhere (kernels/light_tree.h walks it). */
+/* Binary tree over the lights that are somewhere (kernels/light_choice.h walks it). */
 #ifndef KL_SRC_SCENE_LIGHT_TREE_H
 #define KL_SRC_SCENE_LIGHT_TREE_H
 

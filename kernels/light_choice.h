@@ -1,6 +1,6 @@
 /* Choosing one of many lights for a receiver, and the chance that it is chosen. */
-#ifndef KL_KERNELS_LIGHT_TREE_H
-#define KL_KERNELS_LIGHT_TREE_H
+#ifndef KL_KERNELS_LIGHT_CHOICE_H
+#define KL_KERNELS_LIGHT_CHOICE_H
 #include "kernels/surface.h"
 
 /* --- Triangles as a point sees them. --- */
