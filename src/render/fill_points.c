@@ -194,6 +194,14 @@ kl_ride kl_fill_find_ride(const kl_scene_view *motion, kl_vec3 pos, kl_u32 geome
     return (kl_ride){hit.instance, hit.triangle, hit.u, hit.v};
 }
 
+void kl_fill_seed(kl_gather_point *point, kl_u32 seed)
+{
+    const float angle = kl_unit_float(kl_hash(seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
+    point->seed = seed;
+    point->rot_cos = cosf(angle);
+    point->rot_sin = sinf(angle);
+}
+
 kl_gather_point kl_fill_gather_point(const kl_scene_view *motion, kl_vec3 pos, kl_u32 normal,
                                      kl_u32 geometric, uint32_t level)
 {
@@ -203,10 +211,7 @@ kl_gather_point kl_fill_gather_point(const kl_scene_view *motion, kl_vec3 pos, k
     p.pos[2] = pos.z;
     p.normal = normal;
     p.geometric = geometric;
-    p.seed = kl_record_seed(p.pos, p.normal, level);
-    const float angle = kl_unit_float(kl_hash(p.seed ^ 0x3c6ef372u)) * 2.0f * KL_PI;
-    p.rot_cos = cosf(angle);
-    p.rot_sin = sinf(angle);
+    kl_fill_seed(&p, kl_record_seed(p.pos, p.normal, level));
     p.on = kl_fill_find_ride(motion, pos, geometric);
     return p;
 }

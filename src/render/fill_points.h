@@ -29,6 +29,8 @@ bool kl_fill_find_surface(const kl_scene_view *scene, const kl_record_hot *hot, 
 /* What a point on a surface lies on: kl_ride. `motion`: kl_fill_job. */
 kl_ride kl_fill_find_ride(const kl_scene_view *motion, kl_vec3 pos, kl_u32 geometric);
 
+/* Let a point gather by the rays of this seed. */
+void kl_fill_seed(kl_gather_point *point, kl_u32 seed);
 /* Where, and with which seed, a record of `level` gathers. Normals are octahedral. */
 kl_gather_point kl_fill_gather_point(const kl_scene_view *motion, kl_vec3 pos, kl_u32 normal,
                                      kl_u32 geometric, uint32_t level);

@@ -77,7 +77,7 @@ static void choose_accuracy(struct kl_renderer *r)
 {
     const size_t n = r->store != NULL ? kl_store_segment_count(r->store) : 0;
     r->accuracy[0] = accuracy_for(r->settings.radius, r->settings.error);
-    r->accuracy[1] = 2.0f * r->accuracy[0];
+    r->accuracy[1] = r->accuracy[0]; /* docs/decisions/0024-level-1.md */
     for (size_t i = 0; i < n; ++i) {
         struct kl_store_segment_info info;
         struct kl_level_arrays levels[KL_CACHE_LEVELS];

@@ -6,6 +6,7 @@
 
 static const float least_weight = 0.3f;
 static const float spacing_px = 1.5f;
+static const float proved_spacing_px = 0.75f; /* where the error is to be proved: every pixel */
 static const float uncovered = 5e-4f;
 enum { BATCH = 4096 };
 enum { MEASURED_POINTS = 256, MEASURE_ROUNDS = 8 };
@@ -13,7 +14,7 @@ enum { MEASURE_SIDE = KL_LAST_SIDE / 4, VERIFY_SIDE = KL_LAST_SIDE / 2 };
 /* Standard errors over the error that was asked for: of references; and where the error is to be
  * proved, of records by level. 95 % of what they say lies within twice theirs. */
 static const float reference_noise = 0.25f;
-static const float proved_noise[KL_CACHE_LEVELS] = {0.35f, 2.0f};
+static const float proved_noise[KL_CACHE_LEVELS] = {0.35f, 1.0f};
 /* Of the error: a few hundred points say it within 15 %. */
 static const double measured_share = 0.85;
 static const double worth_a_round = 0.97; /* of the error of the round before */
@@ -144,7 +145,7 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
                    .touch = kl_renderer_touch_share(r)},
         .query = {1.0f, KL_COS_MAX, KL_INF},
         .least_weight = least_weight,
-        .spacing_px = spacing_px,
+        .spacing_px = fill->measure ? proved_spacing_px : spacing_px,
         .uncovered = uncovered,
         .batch = BATCH,
         .gather_batch = kl_gatherer_run,

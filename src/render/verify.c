@@ -2,16 +2,12 @@
 
 #include "src/base/memory.h"
 #include "src/render/fill_points.h"
+#include "src/render/reference.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 static const double z95 = 1.96;
-
-static float luminance_of(const float irr[3])
-{
-    return kl_luminance(kl_v3(irr[0], irr[1], irr[2]));
-}
 
 /* What one camera sees: where to gather. */
 struct points {
@@ -124,9 +120,8 @@ static void compare(const struct kl_verify_job *job, const struct points *points
         const struct kl_point *p = &points->where[i];
         const kl_gather_result *r = &points->results[i];
         const kl_answer a = kl_cache_query(&job->cache, &job->query, p->pos, p->smooth, p->smooth);
-        const double y = (double)luminance_of(r->irr);
+        const double y = (double)kl_luminance(kl_v3_load(r->irr));
         errors->noise2 += (double)r->error * (double)r->error;
-        errors->rays += (uint64_t)r->side * r->side;
         if (a.weight > 0.0f) {
             errors->values[errors->count++] = ((double)kl_luminance(a.irr) - y) / fmax(y, least);
         } else {
@@ -135,7 +130,8 @@ static void compare(const struct kl_verify_job *job, const struct points *points
     }
 }
 
-static kl_status gather(const struct kl_verify_job *job, struct points *points, struct kl_err *err)
+static kl_status gather(const struct kl_verify_job *job, struct points *points, uint64_t *rays,
+                        struct kl_err *err)
 {
     const kl_level_view nothing = {.head = {.record_count = 0}};
     const struct kl_gather_job gather = {
@@ -147,7 +143,7 @@ static kl_status gather(const struct kl_verify_job *job, struct points *points, 
         .count = points->count,
         .results = points->results,
     };
-    return job->gather_batch(job->gather_context, &gather, err);
+    return kl_reference_gather(&gather, job->gather_batch, job->gather_context, rays, err);
 }
 
 static kl_status verify_camera(const struct kl_verify_job *job, uint32_t camera,
@@ -155,7 +151,7 @@ static kl_status verify_camera(const struct kl_verify_job *job, uint32_t camera,
 {
     struct points points = {0};
     kl_status st = choose_points(job, camera, &points, err);
-    if (st == KL_OK) st = gather(job, &points, err);
+    if (st == KL_OK) st = gather(job, &points, &errors->rays, err);
     if (st == KL_OK) {
         st = kl_grow_array(&errors->values, &errors->room, errors->count + points.count,
                            sizeof *errors->values, err);

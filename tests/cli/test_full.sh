@@ -6,7 +6,7 @@ kl render "${render[@]}" --cache quiet.klc --out quiet.exr >/dev/null
 limited() {
     (
         trap '' XFSZ
-        ulimit -f 300 # KiB: enough for batches and the frame, not for the base
+        ulimit -f 500 # KiB: enough for batches and the frame, not for the base
         kl "$@"
     )
 }

@@ -99,7 +99,7 @@ static kl_gather_result gather(const struct kl_gather_tables *t, world_fn world,
     return out;
 }
 
-enum { RUNS = 400 };
+enum { RUNS = 2000 };
 
 struct moments { /* over RUNS gathers, green channel */
     double mean_e, rms_e, mean_s;
@@ -127,7 +127,7 @@ static struct moments measure(uint32_t side, world_fn world, const struct golden
     m.rms_t = sqrt(m.rms_t);
     m.rms_r = sqrt(m.rms_r);
     kl_gather_tables_destroy(t);
-    print_message("%u rays: E rms %.5f s/rms %.2f, grad_t rms %.4f, grad_r rms %.4f\n", side * side,
+    print_message("%u rays: E rms %.5f s/rms %.2f, grad_t rms %.5f, grad_r rms %.5f\n", side * side,
                   m.rms_e, m.mean_s / m.rms_e, m.rms_t, m.rms_r);
     return m;
 }
@@ -152,8 +152,7 @@ static void check_scene(uint32_t side, world_fn world, const struct golden *g, d
 {
     const struct moments m = measure(side, world, g);
     check_means(&m, g, side);
-    /* The sheet rounds to 0.001 and was measured over other scrambles. */
-    assert_true(m.rms_t < 1.05 * (most_rms_t + 0.0005));
+    assert_true(m.rms_t < most_rms_t + 0.0005); /* the table rounds to 0.001 */
     assert_true(m.mean_s > m.rms_e && m.mean_s < 2.2 * m.rms_e);
 }
 
