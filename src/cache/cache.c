@@ -1,6 +1,7 @@
 #include "src/cache/cache.h"
 
 #include "src/base/memory.h"
+#include "src/cache/agreement.h"
 #include "src/cache/falloff.h"
 #include "src/cache/octree.h"
 #include "src/cache/record.h"
@@ -105,6 +106,26 @@ static kl_status build_octree(struct kl_cache *c, uint32_t number, struct kl_err
     return st;
 }
 
+/* Let no record of level 0 reach the nearest other one that it is wrong about. Level 1 is spared:
+ * gather rays average over so much of it that single records' mistakes do not matter. */
+static kl_status clamp_by_agreement(struct kl_cache *c, struct kl_err *err)
+{
+    struct level *l = &c->levels[0];
+    const kl_level_view view = kl_cache_view(c, 0);
+    const float error = c->settings.accuracy[0] * c->settings.accuracy[0];
+    const uint32_t n = l->part.record_count;
+    float *shares = NULL;
+    if (c->settings.rule != KL_RADIUS_HESSIAN) return KL_OK;
+    kl_status st = kl_alloc_array(&shares, n, sizeof *shares, err);
+    if (st != KL_OK) return st;
+    kl_agreement_shares(&view, error, shares);
+    for (uint32_t i = 0; i < n; ++i) {
+        kl_record_scale_radii(&l->hot[i], &l->cold[i], shares[i]);
+    }
+    free(shares);
+    return KL_OK;
+}
+
 /* Let no record reach far into what nearer ones serve. */
 static kl_status clamp_by_validity(struct kl_cache *c, uint32_t number, struct kl_err *err)
 {
@@ -137,6 +158,7 @@ static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err 
         kl_record_set_radii(&l->hot[i], &l->cold[i], clamped, &settings);
     }
     st = build_octree(c, number, err);
+    if (st == KL_OK && number == 0) st = clamp_by_agreement(c, err);
     if (st == KL_OK) st = clamp_by_validity(c, number, err);
     return st == KL_OK ? build_octree(c, number, err) : st;
 }

@@ -176,3 +176,9 @@ void kl_record_limit_radii(kl_record_hot *hot, const kl_record_cold *cold, float
     hot->radius = fminf(hot->radius, most);
     hot->radius2 = fminf(hot->radius2, most);
 }
+
+void kl_record_scale_radii(kl_record_hot *hot, const kl_record_cold *cold, float share)
+{
+    hot->radius = fmaxf(hot->radius * share, fminf(hot->radius, spacing_of(cold)));
+    hot->radius2 = fmaxf(hot->radius2 * share, hot->radius);
+}

@@ -43,4 +43,7 @@ void kl_record_set_radii(kl_record_hot *hot, const kl_record_cold *cold, float c
 /* Make both radii no larger than `limit` [m], but no smaller than the least radius. */
 void kl_record_limit_radii(kl_record_hot *hot, const kl_record_cold *cold, float limit);
 
+/* Multiply both radii by `share` in (0, 1], but make them no smaller than the least radius. */
+void kl_record_scale_radii(kl_record_hot *hot, const kl_record_cold *cold, float share);
+
 #endif

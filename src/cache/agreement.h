@@ -1,0 +1,15 @@
+/* Where records contradict each other (after Krivanek, Bouatouch, Pattanaik and Zara, "Making
+ * radiance and irradiance caching practical: adaptive caching and neighbor clamping", 2006): what a
+ * record says at the place of another one is checked against what was gathered there. */
+#ifndef KL_SRC_CACHE_AGREEMENT_H
+#define KL_SRC_CACHE_AGREEMENT_H
+
+#include "kernels/cache_query.h"
+
+/* For every record of an indexed level, the share of its radii at which the nearest record lies
+ * that it is wrong about: by more than `error`, relative, beyond what the noise of both explains.
+ * 1: none. Depends on the set of records and their radii only, not on their order. Threads: uses
+ * all. */
+void kl_agreement_shares(const kl_level_view *level, float error, float *shares);
+
+#endif
