@@ -2,11 +2,15 @@
  * the same scene, both in processor time of one core, median of 5. Prints JSON.
  * usage: bench_lookup SCENE.glb [records, 300000] [reach, 1.4] [records within reach, 8]
  *        bench_lookup SCENE.glb CACHE.klc [cache level, 0]
- * The second form looks up what a bake left, at points that it serves. */
+ * The second form looks up what a bake left, at points that it serves, and also with the radii that
+ * its records have without clamping by validity. */
 #include "cache_io/store.h"
 #include "kernels/surface.h"
 #include "src/base/memory.h"
 #include "src/cache/cache.h"
+#include "src/cache/falloff.h"
+#include "src/cache/octree.h"
+#include "src/cache/validity.h"
 #include "src/import/import.h"
 #include "src/scene/flat.h"
 #include "src/trace/tracer.h"
@@ -271,6 +275,40 @@ static double time_lookups(const struct bench *b, double *served, double *weight
     return seconds;
 }
 
+/* Radii of a store's level, clamped by their neighbours as a cache does. */
+static kl_status clamp_by_neighbours(const struct bench *b, kl_record_hot *hot, struct kl_err *err)
+{
+    const struct kl_radius_settings settings = {KL_RADIUS_HESSIAN, b->view.head.accuracy,
+                                                b->flat->radius};
+    const float slope = kl_record_slope(&settings);
+    struct kl_falloff_point *points = NULL;
+    struct kl_falloff *falloff = NULL;
+    kl_status st = kl_alloc_array(&points, b->records, sizeof *points, err);
+    for (uint32_t i = 0; st == KL_OK && i < b->records; ++i) {
+        memcpy(points[i].pos, hot[i].pos, sizeof points[i].pos);
+        points[i].value = kl_record_wish(&hot[i], &b->view.cold[i], &settings) / slope;
+    }
+    if (st == KL_OK) st = kl_falloff_create(points, b->records, &falloff, err);
+    for (uint32_t i = 0; st == KL_OK && i < b->records; ++i) {
+        const float clamped = slope * kl_falloff_at(falloff, hot[i].pos, points[i].value);
+        kl_record_set_radii(&hot[i], &b->view.cold[i], clamped, &settings);
+    }
+    kl_falloff_destroy(falloff);
+    free(points);
+    return st;
+}
+
+static kl_status index_records(const struct bench *b, const kl_record_hot *hot,
+                               struct kl_octree *octree, kl_level_view *view, struct kl_err *err)
+{
+    const struct kl_octree_root root = kl_octree_root_make(b->flat->center, b->flat->radius);
+    const struct kl_octree_limits limits = {b->reach, cos_max};
+    kl_octree_fini(octree);
+    kl_status st = kl_octree_build(&root, hot, b->records, &limits, octree, err);
+    *view = (kl_level_view){octree->head, hot, b->view.cold, octree->nodes, octree->rows, NULL};
+    return st;
+}
+
 static double time_rays(const struct bench *b, double *hit_share)
 {
     const double start = now();
@@ -311,6 +349,71 @@ static int compare_doubles(const void *a, const void *b)
     return (*x > *y) - (*x < *y);
 }
 
+/* The same look-ups among radii with and without the clamp by validity, five times in turns. */
+static void time_both(struct bench *b, const kl_level_view *without, const kl_level_view *with)
+{
+    const kl_query q = {b->reach, cos_max, KL_INF};
+    const kl_level_view *views[2] = {without, with};
+    double seconds[2][RUNS], served[2], serving[2], weight, candidates;
+    for (int i = 0; i < 2 * RUNS; ++i) {
+        b->view = *views[i % 2];
+        seconds[i % 2][i / 2] = time_lookups(b, &served[i % 2], &weight);
+        if (i < 2) serving[i] = count_serving(b, &candidates);
+    }
+    double square = 0.0;
+    for (uint32_t i = 0; i < QUERIES; ++i) {
+        double y[2];
+        for (int k = 0; k < 2; ++k) {
+            const kl_answer a =
+                kl_cache_query(views[k], &q, b->points[i], b->normals[i], b->normals[i]);
+            y[k] = (double)kl_luminance(a.irr);
+        }
+        if (y[0] > 0.0) square += (y[1] / y[0] - 1.0) * (y[1] / y[0] - 1.0);
+    }
+    for (int k = 0; k < 2; ++k) {
+        qsort(seconds[k], RUNS, sizeof *seconds[k], compare_doubles);
+    }
+    (void)printf("{\"validity\": {\"reach\": %g, \"times_as_fast\": %.3f, \"serving\": [%.2f, "
+                 "%.2f], \"served\": [%.5f, %.5f], \"relative_rms_difference\": %.5f}}\n",
+                 (double)b->reach, seconds[0][RUNS / 2] / seconds[1][RUNS / 2], serving[0],
+                 serving[1], served[0], served[1], sqrt(square / QUERIES));
+}
+
+static kl_status compare_validity(struct bench *b, struct kl_err *err)
+{
+    const kl_level_view original = b->view;
+    kl_record_hot *hot = NULL;
+    kl_record_hot *clamped = NULL;
+    float *limits = NULL;
+    struct kl_octree octrees[2] = {0};
+    kl_level_view without, with;
+    kl_status st = kl_alloc_array(&hot, b->records, sizeof *hot, err);
+    if (st == KL_OK) st = kl_alloc_array(&clamped, b->records, sizeof *clamped, err);
+    if (st == KL_OK) st = kl_alloc_array(&limits, b->records, sizeof *limits, err);
+    if (st == KL_OK) {
+        memcpy(hot, b->view.hot, b->records * sizeof *hot);
+        st = clamp_by_neighbours(b, hot, err);
+    }
+    if (st == KL_OK) st = index_records(b, hot, &octrees[0], &without, err);
+    if (st == KL_OK) {
+        kl_validity_limits(&without, limits);
+        memcpy(clamped, hot, b->records * sizeof *hot);
+        for (uint32_t i = 0; i < b->records; ++i) {
+            kl_record_limit_radii(&clamped[i], &b->view.cold[i], limits[i]);
+        }
+        st = index_records(b, clamped, &octrees[1], &with, err);
+    }
+    if (st == KL_OK) time_both(b, &without, &with);
+    b->view = original;
+    for (int k = 0; k < 2; ++k) {
+        kl_octree_fini(&octrees[k]);
+    }
+    free(limits);
+    free(clamped);
+    free(hot);
+    return st;
+}
+
 static kl_status run(struct bench *b, struct kl_err *err)
 {
     double lookups[RUNS], rays[RUNS], coherent[RUNS];
@@ -346,7 +449,7 @@ static kl_status run(struct bench *b, struct kl_err *err)
                  (lookups[RUNS - 1] - lookups[0]) / median_lookup, QUERIES / coherent[RUNS / 2],
                  QUERIES / median_ray, (rays[RUNS - 1] - rays[0]) / median_ray, hits,
                  median_ray / median_lookup);
-    return KL_OK;
+    return b->store_path != NULL ? compare_validity(b, err) : KL_OK;
 }
 
 int main(int argc, char **argv)

@@ -2,7 +2,7 @@
 # fresh bake within the error that was asked for, and the line names what differs. Another scene and
 # other settings are refused.
 . "$ROOT/tests/cli/lib.sh"
-quick=(--size 48x32 --spp 2 --error 0.02 --rays 64 --device embree --progress off --overwrite)
+quick=(--size 48x32 --spp 2 --error 0.02 --rays 256 --device embree --progress off --overwrite)
 edit() {
     python3 "$ROOT/tests/data/edit_scene.py" "$SCENES/cornell.glb" "$@"
 }
@@ -19,7 +19,7 @@ edit fewer.glb remove 'tall box'
 kl bake "$SCENES/cornell.glb" "${quick[@]}" --cache c.klc >/dev/null
 cp -r c.klc copy.klc
 exits 4 kl render "$SCENES/gallery.glb" "${quick[@]}" --cache c.klc --out x.exr
-exits 4 kl render "$SCENES/cornell.glb" "${quick[@]}" --rays 256 --cache c.klc --out x.exr
+exits 4 kl render "$SCENES/cornell.glb" "${quick[@]}" --rays 1024 --cache c.klc --out x.exr
 kl render color.glb "${quick[@]}" --cache c.klc --cache-mode freeze --out x.exr >/dev/null
 same_tree copy.klc c.klc
 for scene in color moved dim fewer; do

@@ -1,0 +1,222 @@
+/* What radii are worth: error of cached irradiance over records, Hessian against split-sphere
+ * radii. Both caches gather with the same number of rays; at one pixel in 16 the cache's answer is
+ * compared with a gather of that point by 65 536 rays or more that end in the same level 1, so that
+ * radii and the records' own noise are all that differs. Prints JSON. usage: bench_radii SCENE.glb
+ * CAMERA WIDTH HEIGHT [rays 16384] */
+#include "src/base/memory.h"
+#include "src/import/import.h"
+#include "src/render/fill_points.h"
+#include "src/render/reference.h"
+#include "src/render/renderer_impl.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOST = 6, EVERY = 4 };
+static const float quiet = 0.002f; /* relative standard error of references */
+
+struct bench {
+    struct kl_scene *scene;
+    const char *camera;
+    uint32_t width, height, rays, finer;
+};
+
+struct point {
+    double error; /* that was asked for */
+    uint32_t records;
+    double relative, absolute; /* RMSE: of relative errors; over the mean irradiance */
+};
+
+struct curve {
+    const char *name;
+    enum kl_radius_rule rule;
+    double errors[MOST];
+    struct point points[MOST];
+    int count;
+};
+
+static kl_status find_camera(const struct bench *b, struct kl_renderer *r, uint32_t finer,
+                             struct kl_camera *out, struct kl_err *err)
+{
+    for (uint32_t i = 0; i < b->scene->camera_count; ++i) {
+        if (strcmp(b->scene->cameras[i].name, b->camera) != 0) continue;
+        return kl_renderer_camera(r, i, 0.0, finer * b->width, finer * b->height, out, err);
+    }
+    return kl_fail(err, KL_ERR_USAGE, "no camera '%s'", b->camera);
+}
+
+/* Errors at `n` points, less what is noise of the references. Points without a record are left out.
+ */
+static void judge(const struct kl_renderer *r, const struct kl_point *where,
+                  const kl_gather_result *found, size_t n, struct point *p)
+{
+    const kl_level_view level = kl_cache_view(r->cache, 0);
+    const kl_query query = kl_renderer_eye_query();
+    double sum = 0.0;
+    double absolute2 = 0.0;
+    double relative2 = 0.0;
+    size_t served = 0;
+    for (size_t i = 0; i < n; ++i) {
+        const kl_answer a =
+            kl_cache_query(&level, &query, where[i].pos, where[i].smooth, where[i].smooth);
+        const double y = (double)kl_luminance(kl_v3_load(found[i].irr));
+        const double d = (double)kl_luminance(a.irr) - y;
+        const double noise = (double)found[i].error * y;
+        if (!(a.weight > 0.0f) || !(y > 0.0)) continue;
+        sum += y;
+        absolute2 += d * d - noise * noise;
+        relative2 += (d * d - noise * noise) / (y * y);
+        ++served;
+    }
+    if (served == 0) return;
+    p->relative = sqrt(fmax(0.0, relative2) / (double)served);
+    p->absolute = sqrt(fmax(0.0, absolute2) / (double)served) / (sum / (double)served);
+}
+
+static kl_status compare(struct kl_renderer *r, const struct kl_camera *camera, struct point *p,
+                         struct kl_err *err)
+{
+    const kl_level_view level1 = kl_cache_view(r->cache, 1);
+    const struct kl_fill_job screen = {
+        .scene = kl_renderer_reference(r), .cameras = camera, .camera_count = 1};
+    struct kl_gather_job job = {
+        .scene = kl_renderer_motion(r),
+        .level1 = &level1,
+        .settings = {.query = kl_renderer_gather_query(), .length_scale = KL_LENGTH_SCALE},
+    };
+    struct kl_point *where = NULL;
+    kl_gather_point *gather = NULL;
+    uint64_t rays = 0;
+    kl_status st = kl_renderer_climb(r, KL_LAST_SIDE, 1, 1.0f, &job.ladder, err);
+    job.ladder.tolerance = KL_TOLD_NOISE * quiet;
+    if (st == KL_OK) st = kl_fill_screen_points(&screen, 0, EVERY, &where, &job.count, err);
+    if (st == KL_OK) st = kl_alloc_array(&gather, job.count, sizeof *gather, err);
+    if (st == KL_OK) st = kl_alloc_array(&job.results, job.count, sizeof *job.results, err);
+    for (size_t i = 0; st == KL_OK && i < job.count; ++i) {
+        gather[i] = kl_fill_gather_point(job.scene, where[i].pos, kl_oct_encode(where[i].smooth),
+                                         kl_oct_encode(where[i].geometric), KL_CACHE_LEVELS);
+    }
+    job.points = gather;
+    if (st == KL_OK) st = kl_reference_gather(&job, kl_gatherer_run, r->gatherer, &rays, err);
+    if (st == KL_OK) judge(r, where, job.results, job.count, p);
+    free(where);
+    free(gather);
+    free(job.results);
+    return st;
+}
+
+static kl_status measure(const struct bench *b, enum kl_radius_rule rule, struct point *p,
+                         struct kl_err *err)
+{
+    const struct kl_renderer_settings settings = {.rays = b->rays,
+                                                  .indirect = KL_INDIRECT_CACHE,
+                                                  .radius = rule,
+                                                  .device = "embree",
+                                                  .error = p->error,
+                                                  .animation = KL_NONE};
+    struct kl_renderer *r = NULL;
+    struct kl_camera camera, fine;
+    struct kl_fill_stats stats;
+    const struct kl_renderer_fill fill = {.cameras = &fine, .camera_count = 1};
+    kl_status st = kl_renderer_create(b->scene, &settings, &r, err);
+    if (st == KL_OK) st = kl_renderer_set_time(r, 0.0, err);
+    if (st == KL_OK) st = find_camera(b, r, 1, &camera, err);
+    if (st == KL_OK) st = find_camera(b, r, b->finer, &fine, err);
+    if (st == KL_OK) st = kl_renderer_open_cache(r, NULL, KL_STORE_EXTEND, err);
+    if (st == KL_OK) st = kl_renderer_fill(r, &fill, &stats, err);
+    if (st == KL_OK) st = compare(r, &camera, p, err);
+    if (st == KL_OK) p->records = kl_cache_count(r->cache, 0);
+    kl_renderer_destroy(r);
+    return st;
+}
+
+static kl_status measure_curve(const struct bench *b, struct curve *c, struct kl_err *err)
+{
+    kl_status st = KL_OK;
+    for (c->count = 0; st == KL_OK && c->count < MOST && c->errors[c->count] > 0.0; ++c->count) {
+        struct point *p = &c->points[c->count];
+        p->error = c->errors[c->count];
+        st = measure(b, c->rule, p, err);
+        if (st != KL_OK) return st;
+        (void)fprintf(stderr, "%s %g: %u records, RMSE %.4f of the mean, %.4f relative\n", c->name,
+                      p->error, p->records, p->absolute, p->relative);
+    }
+    return st;
+}
+
+/* RMSE of a curve at a number of records, log-log between its points; 0 outside of them. */
+static double at_records(const struct curve *c, uint32_t records, bool relative)
+{
+    for (int i = 1; i < c->count; ++i) {
+        const struct point *p = &c->points[i - 1];
+        const struct point *q = &c->points[i];
+        if (records < p->records || records > q->records || p->records == q->records) continue;
+        const double f = log((double)records / p->records) / log((double)q->records / p->records);
+        const double from = relative ? p->relative : p->absolute;
+        const double to = relative ? q->relative : q->absolute;
+        return from * pow(to / from, f);
+    }
+    return 0.0;
+}
+
+static void print(const struct bench *b, const struct curve *curves)
+{
+    const struct curve *best = &curves[0];
+    (void)printf("{\"camera\": \"%s\", \"width\": %u, \"height\": %u, \"rays\": %u, \"finer\": "
+                 "%u",
+                 b->camera, b->width, b->height, b->rays, b->finer);
+    for (int k = 0; k < 2; ++k) {
+        (void)printf(",\n \"%s\": [", curves[k].name);
+        for (int i = 0; i < curves[k].count; ++i) {
+            const struct point *p = &curves[k].points[i];
+            (void)printf("%s{\"error\": %g, \"records\": %u, \"rmse\": %.5f, \"relative_rmse\": "
+                         "%.5f}",
+                         i > 0 ? ", " : "", p->error, p->records, p->absolute, p->relative);
+        }
+        (void)printf("]");
+    }
+    (void)printf(",\n \"equal_records\": [");
+    bool first = true;
+    for (int i = 0; i < best->count; ++i) {
+        const struct point *p = &best->points[i];
+        const double other = at_records(&curves[1], p->records, false);
+        if (!(other > 0.0)) continue;
+        (void)printf("%s{\"records\": %u, \"rmse_ratio\": %.3f, \"relative_rmse_ratio\": %.3f}",
+                     first ? "" : ", ", p->records, other / p->absolute,
+                     at_records(&curves[1], p->records, true) / p->relative);
+        first = false;
+    }
+    (void)printf("]}\n");
+}
+
+int main(int argc, char **argv)
+{
+    struct curve curves[] = {
+        {.name = "hessian", .rule = KL_RADIUS_HESSIAN, .errors = {0.2, 0.1, 0.05}},
+        {.name = "split_sphere", .rule = KL_RADIUS_SPLIT_SPHERE, .errors = {0.2, 0.14, 0.1}},
+    };
+    struct bench b = {0};
+    struct kl_err err = {0};
+    if (argc < 5) {
+        (void)fprintf(stderr, "usage: bench_radii SCENE.glb CAMERA WIDTH HEIGHT [rays] [finer]\n");
+        return 1;
+    }
+    b.camera = argv[2];
+    b.width = (uint32_t)strtoul(argv[3], NULL, 10);
+    b.height = (uint32_t)strtoul(argv[4], NULL, 10);
+    b.rays = argc > 5 ? (uint32_t)strtoul(argv[5], NULL, 10) : 16384;
+    b.finer = argc > 6 ? (uint32_t)strtoul(argv[6], NULL, 10) : 4;
+    kl_status st = kl_import_gltf(argv[1], NULL, NULL, &b.scene, &err);
+    for (int i = 0; st == KL_OK && i < 2; ++i) {
+        st = measure_curve(&b, &curves[i], &err);
+    }
+    if (st == KL_OK) {
+        print(&b, curves);
+    } else {
+        (void)fprintf(stderr, "%s\n", err.msg);
+    }
+    kl_scene_destroy(b.scene);
+    return st == KL_OK ? 0 : 1;
+}
