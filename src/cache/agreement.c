@@ -28,36 +28,32 @@ static float share_at(const kl_record_hot *r, const kl_bearing *b)
     return hypotf(minor, major);
 }
 
-/* Everything that serves the place of record `number`. */
-static void check_at(const kl_level_view *level, uint32_t number, float error, float *shares)
+/* The share of a record's radii at which it must end. */
+static float share_of(const struct kl_record_set *set, uint32_t number, float error)
 {
-    const kl_record_hot *there = &level->hot[number];
-    const kl_query query = {1.0f, level->head.cos_max, KL_INF};
-    const kl_vec3 pos = kl_v3_load(there->pos);
-    const kl_vec3 normal = kl_oct_decode(there->normal);
-    const kl_u32 row = kl_octree_row(level, pos, kl_normal_face(normal));
-    kl_u32 item = row == KL_NONE ? KL_ROW_LAST : 0;
-    for (kl_u32 at = row; !(item & KL_ROW_LAST); ++at) {
-        item = level->rows[at];
-        const kl_u32 i = item & ~KL_ROW_LAST;
-        if (i == number) continue;
-        const kl_bearing b = kl_record_bearing(&level->hot[i], &query, pos, normal);
-        if (!(b.weight > 0.0f) || kl_record_is_blocked(&level->cold[i], &b)) continue;
-        if (!contradicts(&level->cold[i], &level->cold[number], &b, error)) continue;
-        const float share = share_at(&level->hot[i], &b);
-#pragma omp critical
-        shares[i] = fminf(shares[i], share);
+    const kl_record_hot *r = &set->hot[number];
+    const kl_record_cold *cold = &set->cold[number];
+    const kl_query query = {1.0f, set->cos_max, KL_INF};
+    uint32_t near[KL_NEAREST_MOST];
+    const uint32_t count =
+        kl_point_tree_nearest(set->tree, r->pos, r->radius2, KL_NEAREST_MOST, near);
+    float share = 1.0f;
+    for (uint32_t k = 0; k < count; ++k) {
+        const kl_record_hot *there = &set->hot[near[k]];
+        if (near[k] == number) continue;
+        const kl_bearing b =
+            kl_record_bearing(r, &query, kl_v3_load(there->pos), kl_oct_decode(there->normal));
+        if (!(b.weight > 0.0f) || kl_record_is_blocked(cold, &b)) continue;
+        if (!contradicts(cold, &set->cold[near[k]], &b, error)) continue;
+        share = fminf(share, share_at(r, &b));
     }
+    return share;
 }
 
-void kl_agreement_shares(const kl_level_view *level, float error, float *shares)
+void kl_agreement_shares(const struct kl_record_set *set, float error, float *shares)
 {
-    const uint32_t n = level->head.record_count;
-    for (uint32_t i = 0; i < n; ++i) {
-        shares[i] = 1.0f;
-    }
 #pragma omp parallel for schedule(dynamic, 256)
-    for (uint32_t i = 0; i < n; ++i) {
-        check_at(level, i, error, shares);
+    for (uint32_t i = 0; i < set->count; ++i) {
+        shares[i] = share_of(set, i, error);
     }
 }

@@ -2,8 +2,8 @@
 
 #include "src/base/memory.h"
 #include "src/cache/agreement.h"
-#include "src/cache/falloff.h"
 #include "src/cache/octree.h"
+#include "src/cache/point_tree.h"
 #include "src/cache/record.h"
 #include "src/cache/validity.h"
 
@@ -18,7 +18,7 @@ struct level {
     kl_record_cold *cold;
     size_t hot_capacity, cold_capacity;
     struct kl_octree octree;
-    struct kl_falloff *falloff; /* of the radii that records wish for, over their slope */
+    struct kl_point_tree *tree; /* of the radii that records wish for, over their slope */
 };
 
 struct kl_cache {
@@ -44,7 +44,7 @@ static void level_fini(struct level *l)
     free(l->hot);
     free(l->cold);
     kl_octree_fini(&l->octree);
-    kl_falloff_destroy(l->falloff);
+    kl_point_tree_destroy(l->tree);
     *l = (struct level){0};
 }
 
@@ -63,12 +63,12 @@ static struct kl_radius_settings radius_settings(const struct kl_cache *c, uint3
                                        c->settings.scene_radius};
 }
 
-static kl_status make_falloff(const struct kl_cache *c, uint32_t number, struct level *l,
-                              struct kl_err *err)
+static kl_status make_tree(const struct kl_cache *c, uint32_t number, struct level *l,
+                           struct kl_err *err)
 {
     const struct kl_radius_settings settings = radius_settings(c, number);
     const float slope = kl_record_slope(&settings);
-    struct kl_falloff_point *points = NULL;
+    struct kl_tree_point *points = NULL;
     const uint32_t n = l->part.record_count;
     kl_status st = kl_alloc_array(&points, n, sizeof *points, err);
     if (st != KL_OK) return st;
@@ -76,9 +76,9 @@ static kl_status make_falloff(const struct kl_cache *c, uint32_t number, struct 
         memcpy(points[i].pos, l->part.hot[i].pos, sizeof points[i].pos);
         points[i].value = kl_record_wish(&l->part.hot[i], &l->part.cold[i], &settings) / slope;
     }
-    kl_falloff_destroy(l->falloff);
-    l->falloff = NULL;
-    st = kl_falloff_create(points, n, &l->falloff, err);
+    kl_point_tree_destroy(l->tree);
+    l->tree = NULL;
+    st = kl_point_tree_create(points, n, &l->tree, err);
     free(points);
     return st;
 }
@@ -108,59 +108,56 @@ static kl_status build_octree(struct kl_cache *c, uint32_t number, struct kl_err
 
 /* Let no record of level 0 reach the nearest other one that it is wrong about. Level 1 is spared:
  * gather rays average over so much of it that single records' mistakes do not matter. */
-static kl_status clamp_by_agreement(struct kl_cache *c, struct kl_err *err)
+static void clamp_by_agreement(struct kl_cache *c, const struct kl_record_set *set, float *shares)
 {
     struct level *l = &c->levels[0];
-    const kl_level_view view = kl_cache_view(c, 0);
-    const float error = c->settings.accuracy[0] * c->settings.accuracy[0];
-    const uint32_t n = l->part.record_count;
-    float *shares = NULL;
-    if (c->settings.rule != KL_RADIUS_HESSIAN) return KL_OK;
-    kl_status st = kl_alloc_array(&shares, n, sizeof *shares, err);
-    if (st != KL_OK) return st;
-    kl_agreement_shares(&view, error, shares);
-    for (uint32_t i = 0; i < n; ++i) {
+    kl_agreement_shares(set, c->settings.accuracy[0] * c->settings.accuracy[0], shares);
+    for (uint32_t i = 0; i < set->count; ++i) {
         kl_record_scale_radii(&l->hot[i], &l->cold[i], shares[i]);
     }
-    free(shares);
-    return KL_OK;
 }
 
 /* Let no record reach far into what nearer ones serve. */
-static kl_status clamp_by_validity(struct kl_cache *c, uint32_t number, struct kl_err *err)
+static void clamp_by_validity(struct level *l, const struct kl_record_set *set, float *limits)
 {
-    struct level *l = &c->levels[number];
-    const kl_level_view view = kl_cache_view(c, number);
-    const uint32_t n = l->part.record_count;
-    float *limits = NULL;
-    kl_status st = kl_alloc_array(&limits, n, sizeof *limits, err);
-    if (st != KL_OK) return st;
-    kl_validity_limits(&view, limits);
-    for (uint32_t i = 0; i < n; ++i) {
+    kl_validity_limits(set, limits);
+    for (uint32_t i = 0; i < set->count; ++i) {
         kl_record_limit_radii(&l->hot[i], &l->cold[i], limits[i]);
     }
-    free(limits);
-    return KL_OK;
 }
 
-/* Clamp all radii by their neighbours and rebuild the index of an owned level. */
-static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err *err)
+static void clamp_by_neighbours(const struct kl_cache *c, uint32_t number, struct level *l)
 {
-    struct level *l = &c->levels[number];
     const struct kl_radius_settings settings = radius_settings(c, number);
     const float slope = kl_record_slope(&settings);
-    kl_status st = make_falloff(c, number, l, err);
-    if (st != KL_OK) return st;
 #pragma omp parallel for schedule(static, 256)
     for (uint32_t i = 0; i < l->part.record_count; ++i) {
         const float wish = kl_record_wish(&l->hot[i], &l->cold[i], &settings);
-        const float clamped = slope * kl_falloff_at(l->falloff, l->hot[i].pos, wish / slope);
+        const float clamped = slope * kl_point_tree_envelope(l->tree, l->hot[i].pos, wish / slope);
         kl_record_set_radii(&l->hot[i], &l->cold[i], clamped, &settings);
     }
-    st = build_octree(c, number, err);
-    if (st == KL_OK && number == 0) st = clamp_by_agreement(c, err);
-    if (st == KL_OK) st = clamp_by_validity(c, number, err);
-    return st == KL_OK ? build_octree(c, number, err) : st;
+}
+
+/* Clamp all radii of an owned level by what is around them and rebuild its index. */
+static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err *err)
+{
+    struct level *l = &c->levels[number];
+    const uint32_t n = l->part.record_count;
+    float *scratch = NULL;
+    kl_status st = kl_alloc_array(&scratch, n, sizeof *scratch, err);
+    if (st == KL_OK) st = make_tree(c, number, l, err);
+    if (st == KL_OK) {
+        const struct kl_record_set set = {
+            l->hot, l->cold, n, l->tree, c->settings.reach[number], c->settings.cos_max};
+        clamp_by_neighbours(c, number, l);
+        if (number == 0 && c->settings.rule == KL_RADIUS_HESSIAN) {
+            clamp_by_agreement(c, &set, scratch);
+        }
+        clamp_by_validity(l, &set, scratch);
+        st = build_octree(c, number, err);
+    }
+    free(scratch);
+    return st;
 }
 
 /* Copy adopted arrays so that they can grow. */
@@ -385,17 +382,17 @@ uint32_t kl_cache_count(const struct kl_cache *cache, uint32_t level)
 kl_status kl_cache_prepare(struct kl_cache *cache, uint32_t level, struct kl_err *err)
 {
     struct level *l = &cache->levels[level];
-    return l->falloff != NULL ? KL_OK : make_falloff(cache, level, l, err);
+    return l->tree != NULL ? KL_OK : make_tree(cache, level, l, err);
 }
 
 float kl_cache_predict_radius(const struct kl_cache *cache, uint32_t level, const float pos[3],
                               float otherwise)
 {
     const struct level *l = &cache->levels[level];
-    if (l->falloff == NULL) return otherwise;
+    if (l->tree == NULL) return otherwise;
     const struct kl_radius_settings settings = radius_settings(cache, level);
     const float slope = kl_record_slope(&settings);
-    return slope * kl_falloff_at(l->falloff, pos, otherwise / slope);
+    return slope * kl_point_tree_envelope(l->tree, pos, otherwise / slope);
 }
 
 void kl_cache_set_light(struct kl_cache *cache, uint32_t level, uint32_t i, const float irr[3])

@@ -10,7 +10,7 @@
 /* A cell is divided as long as rows get shorter at a fair price: the logarithm of how much shorter
  * a row gets, over that of how many more items all rows have. Measured: lower values buy little
  * time for much memory (docs/decisions/0015). */
-static const float least_gain = 0.9f;
+static const float least_gain = 1.25f;
 static const float free_gain = 100.0f;        /* rows get hardly more items */
 static const float least_forced_gain = 0.15f; /* of rows that are longer than KL_ROW_MAX */
 /* What the rows may take, in items a record, before no more cells are divided for time's sake, and

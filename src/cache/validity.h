@@ -4,11 +4,11 @@
 #ifndef KL_SRC_CACHE_VALIDITY_H
 #define KL_SRC_CACHE_VALIDITY_H
 
-#include "kernels/cache_query.h"
-#include "src/cache/record.h"
+#include "src/cache/record_set.h"
 
-/* For every record of an indexed level, the radius [m] that it needs at most. Depends on the set of
+/* For every record of a set, the radius [m] that it needs at most beside the KL_NEAREST_MOST
+ * nearest. Depends on the set of
  * records and their radii only, not on their order. Threads: uses all. */
-void kl_validity_limits(const kl_level_view *level, float *limits);
+void kl_validity_limits(const struct kl_record_set *set, float *limits);
 
 #endif

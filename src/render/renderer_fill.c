@@ -15,9 +15,23 @@ enum { MEASURE_SIDE = KL_LAST_SIDE / 4, VERIFY_SIDE = KL_LAST_SIDE / 2 };
  * proved, of records by level. 95 % of what they say lies within twice theirs. */
 static const float reference_noise = 0.25f;
 static const float proved_noise[KL_CACHE_LEVELS] = {0.35f, 1.0f};
+/* Relative standard deviation of single rays where light is most even. */
+static const double evenness = 0.44;
 /* Of the error: a few hundred points say it within 15 %. */
 static const double measured_share = 0.85;
 static const double worth_a_round = 0.97; /* of the error of the round before */
+
+/* A ladder where the error is to be proved. Four blocks of few rays say now and then that they
+ * agree by chance: the first step, of `side` or more, has as many rays as the most even light
+ * needs. */
+static kl_status climb(struct kl_renderer *r, uint32_t side, float noise,
+                       struct kl_gather_ladder *out, struct kl_err *err)
+{
+    const double needed = pow(evenness / ((double)noise * r->settings.error), 2.0);
+    const double most = (double)KL_LAST_SIDE * KL_LAST_SIDE;
+    const uint32_t least = kl_renderer_side_for((uint32_t)fmin(needed, most));
+    return kl_renderer_climb(r, side > least ? side : least, KL_GATHER_STEPS, noise, out, err);
+}
 
 /* Bring the cache of an earlier edition up to date, and only then replace what lies on disk. */
 static kl_status revise(struct kl_renderer *r, const struct kl_fill_job *job,
@@ -66,8 +80,7 @@ static kl_status measure(struct kl_renderer *r, const struct kl_renderer_fill *f
     job.level1 = &level1;
     job.share = 1.0;
     job.at_most = MEASURED_POINTS;
-    kl_status st =
-        kl_renderer_climb(r, MEASURE_SIDE, KL_GATHER_STEPS, reference_noise, &job.ladder, err);
+    kl_status st = climb(r, MEASURE_SIDE, reference_noise, &job.ladder, err);
     if (st == KL_OK) st = kl_verify(&job, NULL, &found, err);
     if (st != KL_OK) return st;
     stats->gather_rays += found.rays;
@@ -157,8 +170,7 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
     };
     kl_status st = KL_OK;
     for (int i = 0; st == KL_OK && fill->measure && i < KL_CACHE_LEVELS; ++i) {
-        st = kl_renderer_climb(r, r->ladder[i].steps[0]->side, KL_GATHER_STEPS, proved_noise[i],
-                               &job.ladder[i], err);
+        st = climb(r, r->ladder[i].steps[0]->side, proved_noise[i], &job.ladder[i], err);
     }
     if (st == KL_OK && r->revision != NULL) st = revise(r, &job, stats, err);
     job.cache = r->cache;
@@ -199,7 +211,6 @@ kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camer
 {
     struct kl_verify_job job = verify_job(renderer, camera, 1);
     job.share = share;
-    kl_status st = kl_renderer_climb(renderer, VERIFY_SIDE, KL_GATHER_STEPS, reference_noise,
-                                     &job.ladder, err);
+    kl_status st = climb(renderer, VERIFY_SIDE, reference_noise, &job.ladder, err);
     return st == KL_OK ? kl_verify(&job, all, stats, err) : st;
 }

@@ -8,8 +8,8 @@
 #include "kernels/surface.h"
 #include "src/base/memory.h"
 #include "src/cache/cache.h"
-#include "src/cache/falloff.h"
 #include "src/cache/octree.h"
+#include "src/cache/point_tree.h"
 #include "src/cache/validity.h"
 #include "src/import/import.h"
 #include "src/scene/flat.h"
@@ -275,25 +275,24 @@ static double time_lookups(const struct bench *b, double *served, double *weight
     return seconds;
 }
 
-/* Radii of a store's level, clamped by their neighbours as a cache does. */
-static kl_status clamp_by_neighbours(const struct bench *b, kl_record_hot *hot, struct kl_err *err)
+/* Radii of a store's level, clamped by their neighbours as a cache does; *tree of the records. */
+static kl_status clamp_by_neighbours(const struct bench *b, kl_record_hot *hot,
+                                     struct kl_point_tree **tree, struct kl_err *err)
 {
     const struct kl_radius_settings settings = {KL_RADIUS_HESSIAN, b->view.head.accuracy,
                                                 b->flat->radius};
     const float slope = kl_record_slope(&settings);
-    struct kl_falloff_point *points = NULL;
-    struct kl_falloff *falloff = NULL;
+    struct kl_tree_point *points = NULL;
     kl_status st = kl_alloc_array(&points, b->records, sizeof *points, err);
     for (uint32_t i = 0; st == KL_OK && i < b->records; ++i) {
         memcpy(points[i].pos, hot[i].pos, sizeof points[i].pos);
         points[i].value = kl_record_wish(&hot[i], &b->view.cold[i], &settings) / slope;
     }
-    if (st == KL_OK) st = kl_falloff_create(points, b->records, &falloff, err);
+    if (st == KL_OK) st = kl_point_tree_create(points, b->records, tree, err);
     for (uint32_t i = 0; st == KL_OK && i < b->records; ++i) {
-        const float clamped = slope * kl_falloff_at(falloff, hot[i].pos, points[i].value);
+        const float clamped = slope * kl_point_tree_envelope(*tree, hot[i].pos, points[i].value);
         kl_record_set_radii(&hot[i], &b->view.cold[i], clamped, &settings);
     }
-    kl_falloff_destroy(falloff);
     free(points);
     return st;
 }
@@ -384,6 +383,7 @@ static kl_status compare_validity(struct bench *b, struct kl_err *err)
     const kl_level_view original = b->view;
     kl_record_hot *hot = NULL;
     kl_record_hot *clamped = NULL;
+    struct kl_point_tree *tree = NULL;
     float *limits = NULL;
     struct kl_octree octrees[2] = {0};
     kl_level_view without, with;
@@ -392,11 +392,12 @@ static kl_status compare_validity(struct bench *b, struct kl_err *err)
     if (st == KL_OK) st = kl_alloc_array(&limits, b->records, sizeof *limits, err);
     if (st == KL_OK) {
         memcpy(hot, b->view.hot, b->records * sizeof *hot);
-        st = clamp_by_neighbours(b, hot, err);
+        st = clamp_by_neighbours(b, hot, &tree, err);
     }
     if (st == KL_OK) st = index_records(b, hot, &octrees[0], &without, err);
     if (st == KL_OK) {
-        kl_validity_limits(&without, limits);
+        const struct kl_record_set set = {hot, b->view.cold, b->records, tree, b->reach, cos_max};
+        kl_validity_limits(&set, limits);
         memcpy(clamped, hot, b->records * sizeof *hot);
         for (uint32_t i = 0; i < b->records; ++i) {
             kl_record_limit_radii(&clamped[i], &b->view.cold[i], limits[i]);
@@ -408,6 +409,7 @@ static kl_status compare_validity(struct bench *b, struct kl_err *err)
     for (int k = 0; k < 2; ++k) {
         kl_octree_fini(&octrees[k]);
     }
+    kl_point_tree_destroy(tree);
     free(limits);
     free(clamped);
     free(hot);

@@ -1,5 +1,5 @@
 kl_test(test_cache_octree SOURCES test_cache_octree.c LINK kl_cache m)
-kl_test(test_cache_falloff SOURCES test_cache_falloff.c LINK kl_cache m)
+kl_test(test_cache_point_tree SOURCES test_cache_point_tree.c LINK kl_cache m)
 kl_test(test_cache_thin SOURCES test_cache_thin.c LINK kl_cache m)
 kl_test(test_cache_cache SOURCES test_cache_cache.c LINK kl_cache m)
 kl_test(test_cache_record SOURCES test_cache_record.c LINK kl_cache kl_cache_io m)

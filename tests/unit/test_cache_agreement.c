@@ -1,6 +1,5 @@
 /* src/cache/agreement.c: records that are wrong about the place of another one end before it. */
 #include "src/cache/agreement.h"
-#include "src/cache/octree.h"
 #include "src/cache/record.h"
 
 #include "test_kernel_random.h"
@@ -12,8 +11,9 @@
 #include <cmocka.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
-enum { N = 400 }; /* no row of the index is full */
+enum { N = 400 }; /* no more than are looked at lie within a radius */
 static const float radius = 0.15f;
 static const float error = 0.02f;
 static const float slope = 0.5f; /* of the sloping world's irradiance [W m^-3] */
@@ -65,15 +65,16 @@ static void make_world(struct world *w, float (*irradiance)(float x), float grad
 
 static void find_shares(struct world *w)
 {
-    const float center[3] = {0.0f, 0.0f, 0.0f};
-    const struct kl_octree_root root = kl_octree_root_make(center, 1.0f);
-    const struct kl_octree_limits limits = {1.4f, 0.94f};
-    struct kl_octree octree = {0};
+    static struct kl_tree_point points[N];
+    struct kl_point_tree *tree = NULL;
     struct kl_err err = {0};
-    assert_int_equal(kl_octree_build(&root, w->hot, N, &limits, &octree, &err), KL_OK);
-    const kl_level_view view = {octree.head, w->hot, w->cold, octree.nodes, octree.rows, NULL};
-    kl_agreement_shares(&view, error, w->shares);
-    kl_octree_fini(&octree);
+    for (uint32_t i = 0; i < N; ++i) {
+        memcpy(points[i].pos, w->hot[i].pos, sizeof points[i].pos);
+    }
+    assert_int_equal(kl_point_tree_create(points, N, &tree, &err), KL_OK);
+    const struct kl_record_set set = {w->hot, w->cold, N, tree, 1.4f, 0.94f};
+    kl_agreement_shares(&set, error, w->shares);
+    kl_point_tree_destroy(tree);
 }
 
 static uint32_t count_shrunk(struct world *w)
