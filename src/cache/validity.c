@@ -5,7 +5,8 @@
 /* Invariant: let S be the records that serve a point, and m the nearest of them. If m were to lose
  * the point, then along the way from m through it a nearer record took over, and that record serves
  * the point too: it is in S, and nearer than m. So m keeps the point, with a weight of 1 - 1 / room
- * at least: what the fill asks for. */
+ * at least: what the fill asks for. Ways are few and `strip` guesses, so this holds but for
+ * slivers: what is lost is filled like any other gap. */
 static const float room = 1.45f;
 /* A way on which nobody takes over mostly leads off the surface, over an edge or to where no
  * records are: it counts no more than so many times the longest of the others. */

@@ -1,6 +1,6 @@
 /* Validity clamping (after Frolov et al., "Irradiance caching in a GPU photorealistic renderer"): a
  * record need not reach far into what nearer records serve. Fewer records then answer a query, and
- * nothing that was served is without. */
+ * what was served still is, but for slivers at edges: a few points of 100 000. */
 #ifndef KL_SRC_CACHE_VALIDITY_H
 #define KL_SRC_CACHE_VALIDITY_H
 

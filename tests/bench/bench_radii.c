@@ -1,8 +1,9 @@
 /* What radii are worth: error of cached irradiance over records, Hessian against split-sphere
  * radii. Both caches gather with the same number of rays; at one pixel in 16 the cache's answer is
  * compared with a gather of that point by 65 536 rays or more that end in the same level 1, so that
- * radii and the records' own noise are all that differs. Prints JSON. usage: bench_radii SCENE.glb
- * CAMERA WIDTH HEIGHT [rays 16384] */
+ * radii and the records' own noise are all that differs. Records stand as for an image `finer`
+ * times as large. Prints JSON. usage: bench_radii SCENE.glb CAMERA WIDTH HEIGHT [rays 16384] [finer
+ * 4] */
 #include "src/base/memory.h"
 #include "src/import/import.h"
 #include "src/render/fill_points.h"
