@@ -6,8 +6,8 @@
 #include "kernels/lanes.h"
 #include "kernels/sampling.h"
 
-#define KL_BEHIND_TOLERANCE  0.1f /* of the radius: methods of Ward 1988, relative here */
-#define KL_SLAB              0.4f /* height above the record's plane, in radii: same surface */
+#define KL_BEHIND_TOLERANCE  0.01f /* of the radius: Ward 1988, relative here; decision 0028 */
+#define KL_SLAB              0.4f  /* height above the record's plane, in radii: same surface */
 #define KL_MIN_EXTRAPOLATION 0.05f
 #define KL_MAX_EXTRAPOLATION 20.0f
 #define KL_GRADIENT_REACH    0.35f /* raw radii up to which a gradient is followed */

@@ -141,6 +141,46 @@ static void thin_walls_stop_light(void **state)
     }
 }
 
+/* 29. Two sheets 5 mm apart, seen from beside their rim: the slot between them is dark, though what
+ * lies so little above it is not, and looks the same way. */
+static struct kl_scene *layers(void)
+{
+    struct kl_scene *s = hard_scene();
+    const uint32_t node = hard_node(s, NULL);
+    const uint32_t grey = hard_material(s, 0.5, 0.0);
+    const uint32_t lamp = hard_material(s, 0.0, 10.0);
+    hard_box(s, node, grey, (double[]){-1, -1, -1}, (double[]){1, 1, 1}, true);
+    hard_quad(s, node, lamp, (double[]){-0.4, 0.98, -0.4}, (double[]){0.8, 0, 0},
+              (double[]){0, 0, 0.8});
+    hard_quad(s, node, grey, (double[]){-1, -1, -0.505}, (double[]){1, 0, 0}, (double[]){0, 2, 0});
+    hard_quad(s, node, grey, (double[]){-1, -1, -0.5}, (double[]){1, 0, 0}, (double[]){0, 2, 0});
+    (void)hard_camera(s, (double[]){0.8, 0, 0.4}, (double[]){0, 0, -0.5}, 0.4);
+    return s;
+}
+
+static void layers_stay_apart(void **state)
+{
+    struct kl_image *cached = hard_image(layers(), KL_INDIRECT_CACHE, SIDE, 16, NULL);
+    struct kl_image *paths = hard_image(layers(), KL_INDIRECT_PATH, SIDE, 1024, NULL);
+    const struct hard_spread light = hard_measure(paths, "diffuse_indirect.G");
+    const float *e = data_of(cached, "diffuse_indirect.G");
+    const float *r = data_of(paths, "diffuse_indirect.G");
+    double worst = 0.0;
+    (void)state;
+    /* Columns run along the rim. */
+    for (int x = 0; x < SIDE; ++x) {
+        double a = 0.0, b = 0.0;
+        for (int y = 0; y < SIDE; ++y) {
+            a += (double)e[y * SIDE + x];
+            b += (double)r[y * SIDE + x];
+        }
+        worst = fmax(worst, fabs(a - b) / SIDE);
+    }
+    hard_expect("worst column over the mean", worst / light.mean, 0.0, 0.05);
+    kl_image_destroy(cached);
+    kl_image_destroy(paths);
+}
+
 /* 8. A ball of 2 to 2000 pixels in a furnace: as flat as the rest. */
 static void curved_surfaces_are_flat_in_a_furnace(void **state)
 {
@@ -425,6 +465,7 @@ int main(void)
         cmocka_unit_test(cracks_do_not_spread),
         cmocka_unit_test(doubled_faces_are_one),
         cmocka_unit_test(thin_walls_stop_light),
+        cmocka_unit_test(layers_stay_apart),
         cmocka_unit_test(curved_surfaces_are_flat_in_a_furnace),
         cmocka_unit_test(shadow_terminators_have_no_blotches),
         cmocka_unit_test(blunt_lobes_keep_their_direction),
