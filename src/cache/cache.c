@@ -1,11 +1,10 @@
 #include "src/cache/cache.h"
 
 #include "src/base/memory.h"
-#include "src/cache/agreement.h"
+#include "src/cache/clamp.h"
 #include "src/cache/octree.h"
 #include "src/cache/point_tree.h"
 #include "src/cache/record.h"
-#include "src/cache/validity.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -67,20 +66,10 @@ static kl_status make_tree(const struct kl_cache *c, uint32_t number, struct lev
                            struct kl_err *err)
 {
     const struct kl_radius_settings settings = radius_settings(c, number);
-    const float slope = kl_record_slope(&settings);
-    struct kl_tree_point *points = NULL;
-    const uint32_t n = l->part.record_count;
-    kl_status st = kl_alloc_array(&points, n, sizeof *points, err);
-    if (st != KL_OK) return st;
-    for (uint32_t i = 0; i < n; ++i) {
-        memcpy(points[i].pos, l->part.hot[i].pos, sizeof points[i].pos);
-        points[i].value = kl_record_wish(&l->part.hot[i], &l->part.cold[i], &settings) / slope;
-    }
+    const struct kl_level_arrays *p = &l->part;
     kl_point_tree_destroy(l->tree);
     l->tree = NULL;
-    st = kl_point_tree_create(points, n, &l->tree, err);
-    free(points);
-    return st;
+    return kl_clamp_tree(p->hot, p->cold, p->record_count, &settings, &l->tree, err);
 }
 
 static void serve_owned(struct level *l, uint32_t count)
@@ -106,42 +95,14 @@ static kl_status build_octree(struct kl_cache *c, uint32_t number, struct kl_err
     return st;
 }
 
-/* Let no record of level 0 reach the nearest other one that it is wrong about. Level 1 is spared:
- * gather rays average over so much of it that single records' mistakes do not matter. */
-static void clamp_by_agreement(struct kl_cache *c, const struct kl_record_set *set, float *shares)
-{
-    struct level *l = &c->levels[0];
-    kl_agreement_shares(set, c->settings.accuracy[0] * c->settings.accuracy[0], shares);
-    for (uint32_t i = 0; i < set->count; ++i) {
-        kl_record_scale_radii(&l->hot[i], &l->cold[i], shares[i]);
-    }
-}
-
-/* Let no record reach far into what nearer ones serve. */
-static void clamp_by_validity(struct level *l, const struct kl_record_set *set, float *limits)
-{
-    kl_validity_limits(set, limits);
-    for (uint32_t i = 0; i < set->count; ++i) {
-        kl_record_limit_radii(&l->hot[i], &l->cold[i], limits[i]);
-    }
-}
-
-static void clamp_by_neighbours(const struct kl_cache *c, uint32_t number, struct level *l)
-{
-    const struct kl_radius_settings settings = radius_settings(c, number);
-    const float slope = kl_record_slope(&settings);
-#pragma omp parallel for schedule(static, 256)
-    for (uint32_t i = 0; i < l->part.record_count; ++i) {
-        const float wish = kl_record_wish(&l->hot[i], &l->cold[i], &settings);
-        const float clamped = slope * kl_point_tree_envelope(l->tree, l->hot[i].pos, wish / slope);
-        kl_record_set_radii(&l->hot[i], &l->cold[i], clamped, &settings);
-    }
-}
-
-/* Clamp all radii of an owned level by what is around them and rebuild its index. */
+/* Clamp all radii of an owned level by what is around them and rebuild its index. Level 1 is not
+ * asked whether its records agree: gather rays average over so much of it that single ones'
+ * mistakes do not matter. */
 static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err *err)
 {
     struct level *l = &c->levels[number];
+    const struct kl_radius_settings settings = radius_settings(c, number);
+    const float error = settings.accuracy * settings.accuracy;
     const uint32_t n = l->part.record_count;
     float *scratch = NULL;
     kl_status st = kl_alloc_array(&scratch, n, sizeof *scratch, err);
@@ -149,11 +110,11 @@ static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err 
     if (st == KL_OK) {
         const struct kl_record_set set = {
             l->hot, l->cold, n, l->tree, c->settings.reach[number], c->settings.cos_max};
-        clamp_by_neighbours(c, number, l);
-        if (number == 0 && c->settings.rule == KL_RADIUS_HESSIAN) {
-            clamp_by_agreement(c, &set, scratch);
+        kl_clamp_by_neighbours(&set, &settings);
+        if (number == 0 && settings.rule == KL_RADIUS_HESSIAN) {
+            kl_clamp_by_agreement(&set, error, scratch);
         }
-        clamp_by_validity(l, &set, scratch);
+        kl_clamp_by_validity(&set, scratch);
         st = build_octree(c, number, err);
     }
     free(scratch);

@@ -6,7 +6,7 @@
 #include "src/cache/point_tree.h"
 
 struct kl_record_set {
-    const kl_record_hot *hot;
+    kl_record_hot *hot; /* their radii are what is made ready */
     const kl_record_cold *cold;
     uint32_t count;
     const struct kl_point_tree *tree; /* of their positions, numbered alike */

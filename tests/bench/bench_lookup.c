@@ -8,9 +8,8 @@
 #include "kernels/surface.h"
 #include "src/base/memory.h"
 #include "src/cache/cache.h"
+#include "src/cache/clamp.h"
 #include "src/cache/octree.h"
-#include "src/cache/point_tree.h"
-#include "src/cache/validity.h"
 #include "src/import/import.h"
 #include "src/scene/flat.h"
 #include "src/trace/tracer.h"
@@ -275,28 +274,6 @@ static double time_lookups(const struct bench *b, double *served, double *weight
     return seconds;
 }
 
-/* Radii of a store's level, clamped by their neighbours as a cache does; *tree of the records. */
-static kl_status clamp_by_neighbours(const struct bench *b, kl_record_hot *hot,
-                                     struct kl_point_tree **tree, struct kl_err *err)
-{
-    const struct kl_radius_settings settings = {KL_RADIUS_HESSIAN, b->view.head.accuracy,
-                                                b->flat->radius};
-    const float slope = kl_record_slope(&settings);
-    struct kl_tree_point *points = NULL;
-    kl_status st = kl_alloc_array(&points, b->records, sizeof *points, err);
-    for (uint32_t i = 0; st == KL_OK && i < b->records; ++i) {
-        memcpy(points[i].pos, hot[i].pos, sizeof points[i].pos);
-        points[i].value = kl_record_wish(&hot[i], &b->view.cold[i], &settings) / slope;
-    }
-    if (st == KL_OK) st = kl_point_tree_create(points, b->records, tree, err);
-    for (uint32_t i = 0; st == KL_OK && i < b->records; ++i) {
-        const float clamped = slope * kl_point_tree_envelope(*tree, hot[i].pos, points[i].value);
-        kl_record_set_radii(&hot[i], &b->view.cold[i], clamped, &settings);
-    }
-    free(points);
-    return st;
-}
-
 static kl_status index_records(const struct bench *b, const kl_record_hot *hot,
                                struct kl_octree *octree, kl_level_view *view, struct kl_err *err)
 {
@@ -378,39 +355,50 @@ static void time_both(struct bench *b, const kl_level_view *without, const kl_le
                  serving[1], served[0], served[1], sqrt(square / QUERIES));
 }
 
+/* Radii as the cache makes them, but for validity: set->hot. What is left to do, too: `clamped`. */
+static void clamp_twice(const struct bench *b, const struct kl_record_set *set,
+                        const struct kl_radius_settings *settings, kl_record_hot *clamped,
+                        float *scratch)
+{
+    struct kl_record_set all = *set;
+    all.hot = clamped;
+    kl_clamp_by_neighbours(set, settings);
+    if (b->level == 0) kl_clamp_by_agreement(set, settings->accuracy * settings->accuracy, scratch);
+    memcpy(clamped, set->hot, b->records * sizeof *clamped);
+    kl_clamp_by_validity(&all, scratch);
+}
+
 static kl_status compare_validity(struct bench *b, struct kl_err *err)
 {
     const kl_level_view original = b->view;
+    const struct kl_radius_settings settings = {KL_RADIUS_HESSIAN, b->view.head.accuracy,
+                                                b->flat->radius};
     kl_record_hot *hot = NULL;
     kl_record_hot *clamped = NULL;
     struct kl_point_tree *tree = NULL;
-    float *limits = NULL;
+    float *scratch = NULL;
     struct kl_octree octrees[2] = {0};
     kl_level_view without, with;
     kl_status st = kl_alloc_array(&hot, b->records, sizeof *hot, err);
     if (st == KL_OK) st = kl_alloc_array(&clamped, b->records, sizeof *clamped, err);
-    if (st == KL_OK) st = kl_alloc_array(&limits, b->records, sizeof *limits, err);
+    if (st == KL_OK) st = kl_alloc_array(&scratch, b->records, sizeof *scratch, err);
     if (st == KL_OK) {
         memcpy(hot, b->view.hot, b->records * sizeof *hot);
-        st = clamp_by_neighbours(b, hot, &tree, err);
+        st = kl_clamp_tree(hot, b->view.cold, b->records, &settings, &tree, err);
     }
-    if (st == KL_OK) st = index_records(b, hot, &octrees[0], &without, err);
     if (st == KL_OK) {
         const struct kl_record_set set = {hot, b->view.cold, b->records, tree, b->reach, cos_max};
-        kl_validity_limits(&set, limits);
-        memcpy(clamped, hot, b->records * sizeof *hot);
-        for (uint32_t i = 0; i < b->records; ++i) {
-            kl_record_limit_radii(&clamped[i], &b->view.cold[i], limits[i]);
-        }
-        st = index_records(b, clamped, &octrees[1], &with, err);
+        clamp_twice(b, &set, &settings, clamped, scratch);
+        st = index_records(b, hot, &octrees[0], &without, err);
     }
+    if (st == KL_OK) st = index_records(b, clamped, &octrees[1], &with, err);
     if (st == KL_OK) time_both(b, &without, &with);
     b->view = original;
     for (int k = 0; k < 2; ++k) {
         kl_octree_fini(&octrees[k]);
     }
     kl_point_tree_destroy(tree);
-    free(limits);
+    free(scratch);
     free(clamped);
     free(hot);
     return st;
