@@ -11,9 +11,11 @@ static const float uncovered = 5e-4f;
 enum { BATCH = 4096 };
 enum { MEASURED_POINTS = 256, MEASURE_ROUNDS = 8 };
 enum { MEASURE_SIDE = KL_LAST_SIDE / 4, VERIFY_SIDE = KL_LAST_SIDE / 2 };
-/* Standard errors over the error that was asked for: of references; and where the error is to be
- * proved, of records by level. 95 % of what they say lies within twice theirs. */
+/* Standard errors over the error that was asked for: of references, of those that tell when to end
+ * and of the proof's, which are part of what it says; and where the error is to be proved, of
+ * records by level. 95 % of what they say lies within twice theirs. */
 static const float reference_noise = 0.25f;
+static const float proof_noise = 0.125f;
 static const float proved_noise[KL_CACHE_LEVELS] = {0.35f, 1.0f};
 /* Relative standard deviation of single rays where light is most even. */
 static const double evenness = 0.44;
@@ -211,6 +213,6 @@ kl_status kl_renderer_verify(struct kl_renderer *renderer, const struct kl_camer
 {
     struct kl_verify_job job = verify_job(renderer, camera, 1);
     job.share = share;
-    kl_status st = climb(renderer, VERIFY_SIDE, reference_noise, &job.ladder, err);
+    kl_status st = climb(renderer, VERIFY_SIDE, proof_noise, &job.ladder, err);
     return st == KL_OK ? kl_verify(&job, all, stats, err) : st;
 }
