@@ -264,7 +264,7 @@ static kl_status check_promise(const struct run *run, struct kl_err *err)
     const double asked = run->job.options->error;
     if (run->measured <= asked) return KL_OK;
     return kl_fail(err, KL_ERR_LIMIT,
-                   "95 %% of the irradiance is within %.3g, not within the --error %.3g asked for; "
+                   "95 %% of the irradiance is within %.4g, not within the --error %.3g asked for; "
                    "more --rays help against noise",
                    run->measured, asked);
 }

@@ -95,14 +95,11 @@ static kl_status build_octree(struct kl_cache *c, uint32_t number, struct kl_err
     return st;
 }
 
-/* Clamp all radii of an owned level by what is around them and rebuild its index. Level 1 is not
- * asked whether its records agree: gather rays average over so much of it that single ones'
- * mistakes do not matter. */
+/* Clamp all radii of an owned level by what is around them and rebuild its index. */
 static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err *err)
 {
     struct level *l = &c->levels[number];
     const struct kl_radius_settings settings = radius_settings(c, number);
-    const float error = settings.accuracy * settings.accuracy;
     const uint32_t n = l->part.record_count;
     float *scratch = NULL;
     kl_status st = kl_alloc_array(&scratch, n, sizeof *scratch, err);
@@ -111,9 +108,7 @@ static kl_status index_level(struct kl_cache *c, uint32_t number, struct kl_err 
         const struct kl_record_set set = {
             l->hot, l->cold, n, l->tree, c->settings.reach[number], c->settings.cos_max};
         kl_clamp_by_neighbours(&set, &settings);
-        if (number == 0 && settings.rule == KL_RADIUS_HESSIAN) {
-            kl_clamp_by_agreement(&set, error, scratch);
-        }
+        kl_clamp_by_agreement(&set, number, &settings, scratch);
         kl_clamp_by_validity(&set, scratch);
         st = build_octree(c, number, err);
     }

@@ -37,8 +37,11 @@ void kl_clamp_by_neighbours(const struct kl_record_set *set,
     }
 }
 
-void kl_clamp_by_agreement(const struct kl_record_set *set, float error, float *scratch)
+void kl_clamp_by_agreement(const struct kl_record_set *set, uint32_t level,
+                           const struct kl_radius_settings *settings, float *scratch)
 {
+    const float error = settings->accuracy * settings->accuracy; /* where radii end: 0013 */
+    if (level != 0 || settings->rule != KL_RADIUS_HESSIAN) return;
     kl_agreement_shares(set, error, scratch);
     for (uint32_t i = 0; i < set->count; ++i) {
         kl_record_scale_radii(&set->hot[i], &set->cold[i], scratch[i]);

@@ -11,8 +11,8 @@
  * a row gets, over that of how many more items all rows have. Measured: lower values buy little
  * time for much memory (docs/decisions/0015). */
 static const float least_gain = 1.25f;
-static const float free_gain = 100.0f;        /* rows get hardly more items */
-static const float least_forced_gain = 0.15f; /* of rows that are longer than KL_ROW_MAX */
+static const float free_gain = 100.0f;       /* rows get hardly more items */
+static const float least_forced_gain = 0.2f; /* of rows that are longer than KL_ROW_MAX */
 /* What the rows may take, in items a record, before no more cells are divided for time's sake, and
  * before none are divided to keep rows whole. */
 enum { SHORT_ROW = 10, ITEMS_EACH = 16, ITEMS_FORCED = 64, ITEMS_FREE = 4096 };

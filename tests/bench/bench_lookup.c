@@ -363,7 +363,7 @@ static void clamp_twice(const struct bench *b, const struct kl_record_set *set,
     struct kl_record_set all = *set;
     all.hot = clamped;
     kl_clamp_by_neighbours(set, settings);
-    if (b->level == 0) kl_clamp_by_agreement(set, settings->accuracy * settings->accuracy, scratch);
+    kl_clamp_by_agreement(set, b->level, settings, scratch);
     memcpy(clamped, set->hot, b->records * sizeof *clamped);
     kl_clamp_by_validity(&all, scratch);
 }
