@@ -28,15 +28,16 @@ static float share_at(const kl_record_hot *r, const kl_bearing *b)
     return hypotf(minor, major);
 }
 
-/* The share of a record's radii at which it must end. */
+/* The share of a record's radii with which it ends where it must, to the farthest-reaching query.
+ */
 static float share_of(const struct kl_record_set *set, uint32_t number, float error)
 {
     const kl_record_hot *r = &set->hot[number];
     const kl_record_cold *cold = &set->cold[number];
-    const kl_query query = {1.0f, set->cos_max, KL_INF};
+    const kl_query query = {set->reach, set->cos_max, KL_INF};
     uint32_t near[KL_NEAREST_MOST];
     const uint32_t count =
-        kl_point_tree_nearest(set->tree, r->pos, r->radius2, KL_NEAREST_MOST, near);
+        kl_point_tree_nearest(set->tree, r->pos, set->reach * r->radius2, KL_NEAREST_MOST, near);
     float share = 1.0f;
     for (uint32_t k = 0; k < count; ++k) {
         const kl_record_hot *there = &set->hot[near[k]];
@@ -45,7 +46,7 @@ static float share_of(const struct kl_record_set *set, uint32_t number, float er
             kl_record_bearing(r, &query, kl_v3_load(there->pos), kl_oct_decode(there->normal));
         if (!(b.weight > 0.0f) || kl_record_is_blocked(cold, &b)) continue;
         if (!contradicts(cold, &set->cold[near[k]], &b, error)) continue;
-        share = fminf(share, share_at(r, &b));
+        share = fminf(share, share_at(r, &b) / set->reach);
     }
     return share;
 }

@@ -6,8 +6,9 @@
 
 #include "src/cache/record_set.h"
 
-/* For every record of a set, the share of its radii at which the nearest record lies that it is
- * wrong about: by more than `error`, relative, beyond what the noise of both explains. 1: none. The
+/* For every record of a set, the share of its radii with which it ends, to queries of the set's
+ * reach, at the nearest record that it is wrong about: by more than `error`, relative, beyond what
+ * the noise of both explains. 1: none. The
  * KL_NEAREST_MOST nearest are looked at. Depends on the set of records and their radii only, not on
  * their order. Threads: uses all. */
 void kl_agreement_shares(const struct kl_record_set *set, float error, float *shares);

@@ -1,9 +1,9 @@
 /* What radii are worth: error of cached irradiance over records, Hessian against split-sphere
- * radii. Both caches gather with the same number of rays; at one pixel in 16 the cache's answer is
+ * radii. Both caches gather with the same number of rays and stand as for an image `finer` times as
+ * large as the one named; at 1/16 as many of its pixels as the named one has the cache's answer is
  * compared with a gather of that point by 65 536 rays or more that end in the same level 1, so that
- * radii and the records' own noise are all that differs. Records stand as for an image `finer`
- * times as large. Prints JSON. usage: bench_radii SCENE.glb CAMERA WIDTH HEIGHT [rays 16384] [finer
- * 4] */
+ * radii and the records' own noise are all that differs. Prints JSON. usage: bench_radii SCENE.glb
+ * CAMERA WIDTH HEIGHT [rays 16384] [finer 4] */
 #include "src/base/memory.h"
 #include "src/import/import.h"
 #include "src/render/fill_points.h"
@@ -15,7 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST = 6, EVERY = 4 };
+enum { MOST = 6, EVERY = 4 };      /* plus one: pixels that the fill looks around from are even */
 static const float quiet = 0.002f; /* relative standard error of references */
 
 struct bench {
@@ -38,12 +38,12 @@ struct curve {
     int count;
 };
 
-static kl_status find_camera(const struct bench *b, struct kl_renderer *r, uint32_t finer,
-                             struct kl_camera *out, struct kl_err *err)
+static kl_status find_camera(const struct bench *b, struct kl_renderer *r, struct kl_camera *out,
+                             struct kl_err *err)
 {
     for (uint32_t i = 0; i < b->scene->camera_count; ++i) {
         if (strcmp(b->scene->cameras[i].name, b->camera) != 0) continue;
-        return kl_renderer_camera(r, i, 0.0, finer * b->width, finer * b->height, out, err);
+        return kl_renderer_camera(r, i, 0.0, b->finer * b->width, b->finer * b->height, out, err);
     }
     return kl_fail(err, KL_ERR_USAGE, "no camera '%s'", b->camera);
 }
@@ -76,8 +76,8 @@ static void judge(const struct kl_renderer *r, const struct kl_point *where,
     p->absolute = sqrt(fmax(0.0, absolute2) / (double)served) / (sum / (double)served);
 }
 
-static kl_status compare(struct kl_renderer *r, const struct kl_camera *camera, struct point *p,
-                         struct kl_err *err)
+static kl_status compare(struct kl_renderer *r, const struct kl_camera *camera, uint32_t every,
+                         struct point *p, struct kl_err *err)
 {
     const kl_level_view level1 = kl_cache_view(r->cache, 1);
     const struct kl_fill_job screen = {
@@ -92,7 +92,7 @@ static kl_status compare(struct kl_renderer *r, const struct kl_camera *camera, 
     uint64_t rays = 0;
     kl_status st = kl_renderer_climb(r, KL_LAST_SIDE, 1, 1.0f, &job.ladder, err);
     job.ladder.tolerance = KL_TOLD_NOISE * quiet;
-    if (st == KL_OK) st = kl_fill_screen_points(&screen, 0, EVERY, &where, &job.count, err);
+    if (st == KL_OK) st = kl_fill_screen_points(&screen, 0, every, &where, &job.count, err);
     if (st == KL_OK) st = kl_alloc_array(&gather, job.count, sizeof *gather, err);
     if (st == KL_OK) st = kl_alloc_array(&job.results, job.count, sizeof *job.results, err);
     for (size_t i = 0; st == KL_OK && i < job.count; ++i) {
@@ -118,16 +118,15 @@ static kl_status measure(const struct bench *b, enum kl_radius_rule rule, struct
                                                   .error = p->error,
                                                   .animation = KL_NONE};
     struct kl_renderer *r = NULL;
-    struct kl_camera camera, fine;
+    struct kl_camera camera;
     struct kl_fill_stats stats;
-    const struct kl_renderer_fill fill = {.cameras = &fine, .camera_count = 1};
+    const struct kl_renderer_fill fill = {.cameras = &camera, .camera_count = 1};
     kl_status st = kl_renderer_create(b->scene, &settings, &r, err);
     if (st == KL_OK) st = kl_renderer_set_time(r, 0.0, err);
-    if (st == KL_OK) st = find_camera(b, r, 1, &camera, err);
-    if (st == KL_OK) st = find_camera(b, r, b->finer, &fine, err);
+    if (st == KL_OK) st = find_camera(b, r, &camera, err);
     if (st == KL_OK) st = kl_renderer_open_cache(r, NULL, KL_STORE_EXTEND, err);
     if (st == KL_OK) st = kl_renderer_fill(r, &fill, &stats, err);
-    if (st == KL_OK) st = compare(r, &camera, p, err);
+    if (st == KL_OK) st = compare(r, &camera, EVERY * b->finer + 1, p, err);
     if (st == KL_OK) p->records = kl_cache_count(r->cache, 0);
     kl_renderer_destroy(r);
     return st;

@@ -14,7 +14,8 @@
 #include <string.h>
 
 enum { N = 400 }; /* no more than are looked at lie within a radius */
-static const float radius = 0.15f;
+static const float radius = 0.1f;
+static const float reach = 1.4f;
 static const float error = 0.02f;
 static const float slope = 0.5f; /* of the sloping world's irradiance [W m^-3] */
 
@@ -72,7 +73,7 @@ static void find_shares(struct world *w)
         memcpy(points[i].pos, w->hot[i].pos, sizeof points[i].pos);
     }
     assert_int_equal(kl_point_tree_create(points, N, &tree, &err), KL_OK);
-    const struct kl_record_set set = {w->hot, w->cold, N, tree, 1.4f, 0.94f};
+    const struct kl_record_set set = {w->hot, w->cold, N, tree, reach, 0.94f};
     kl_agreement_shares(&set, error, w->shares);
     kl_point_tree_destroy(tree);
 }
@@ -97,7 +98,7 @@ static void what_gradients_foretell_agrees(void **state)
     assert_true(count_shrunk(&w) > N / 2);
 }
 
-/* Nearest record on the other side, of the radius. */
+/* Nearest record on the other side, of what the radius reaches. */
 static float to_other_side(const struct world *w, uint32_t number)
 {
     const float *p = w->hot[number].pos;
@@ -105,7 +106,7 @@ static float to_other_side(const struct world *w, uint32_t number)
     for (uint32_t i = 0; i < N; ++i) {
         const float *q = w->hot[i].pos;
         if (stepping(q[0]) == stepping(p[0])) continue;
-        nearest = fminf(nearest, hypotf(p[0] - q[0], p[1] - q[1]) / radius);
+        nearest = fminf(nearest, hypotf(p[0] - q[0], p[1] - q[1]) / (reach * radius));
     }
     return nearest;
 }
@@ -123,6 +124,25 @@ static void records_end_before_what_they_are_wrong_about(void **state)
         near += expected < 1.0f;
     }
     assert_true(near > N / 20 && near < N / 5);
+}
+
+static void nobody_is_served_from_the_other_side(void **state)
+{
+    static struct world w;
+    const kl_query query = {reach, 0.94f, KL_INF};
+    const kl_vec3 normal = kl_v3(0.0f, 0.0f, 1.0f);
+    (void)state;
+    make_world(&w, stepping, 0.0f, 0.0f, false);
+    find_shares(&w);
+    for (uint32_t i = 0; i < N; ++i) {
+        kl_record_scale_radii(&w.hot[i], &w.cold[i], w.shares[i]);
+        for (uint32_t k = 0; k < N; ++k) {
+            if (stepping(w.hot[k].pos[0]) == stepping(w.hot[i].pos[0])) continue;
+            const kl_bearing b =
+                kl_record_bearing(&w.hot[i], &query, kl_v3_load(w.hot[k].pos), normal);
+            assert_true(b.weight < 1e-3f);
+        }
+    }
 }
 
 /* A step of a quarter: twice the noise of both, and the error. */
@@ -163,6 +183,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(what_gradients_foretell_agrees),
         cmocka_unit_test(records_end_before_what_they_are_wrong_about),
+        cmocka_unit_test(nobody_is_served_from_the_other_side),
         cmocka_unit_test(noise_is_no_contradiction),
         cmocka_unit_test(what_is_out_of_sight_may_differ),
         cmocka_unit_test(radii_shrink_to_the_least_one),
