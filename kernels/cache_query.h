@@ -8,6 +8,8 @@
 
 #define KL_BEHIND_TOLERANCE  0.01f /* of the radius: Ward 1988, relative here; decision 0028 */
 #define KL_SLAB              0.4f  /* height above the record's plane, in radii: same surface */
+#define KL_STEEPEST          0.35f /* of a chord over the record's plane: normals turn by 0.35 */
+#define KL_FLAT              0.02f /* height that may be anything, in radii */
 #define KL_MIN_EXTRAPOLATION 0.05f
 #define KL_MAX_EXTRAPOLATION 20.0f
 #define KL_GRADIENT_REACH    0.35f /* raw radii up to which a gradient is followed */
@@ -121,14 +123,15 @@ KL_FN kl_bearing kl_bearing_of(kl_vec3 d, kl_vec3 ni, float radius, float radius
     const float d2 = kl_dot(d, d);
     const float height = kl_dot(d, ni);
     const float cosine = kl_dot(n, ni);
-    const int applies = (d2 < r2 * r2) & (cosine > q->cos_max) & (kl_fabs(height) <= KL_SLAB * r1) &
-                        (0.5f * (kl_dot(d, n) + height) >= -KL_BEHIND_TOLERANCE * r1);
     kl_bearing b;
+    b.inverse = 1.0f / kl_sqrt(kl_fmax(d2, 1e-37f));
+    const float most = kl_fmin(KL_SLAB * r1, KL_STEEPEST * (d2 * b.inverse) + KL_FLAT * r1);
+    const int applies = (d2 < r2 * r2) & (cosine > q->cos_max) & (kl_fabs(height) <= most) &
+                        (0.5f * (kl_dot(d, n) + height) >= -KL_BEHIND_TOLERANCE * r1);
     b.x = kl_dot(d, f.t);
     b.y = kl_dot(d, f.b);
     b.u = -kl_dot(bent, f.b);
     b.v = kl_dot(bent, f.t);
-    b.inverse = 1.0f / kl_sqrt(kl_fmax(d2, 1e-37f));
     b.sector = kl_sector_of(b.x, b.y);
     const float steep = 1.0f / (r1 * r1);
     const float major = b.y * axis.x - b.x * axis.y;
