@@ -188,6 +188,24 @@ static void radii_follow_the_hessian(void **state)
     }
 }
 
+/* Weight of a record of radius 1 in the plane z = 0 for a point beside and above it. */
+static float weight_at(float beside, float above)
+{
+    const kl_query query = {1.0f, 0.94f, KL_INF};
+    const kl_vec3 up = kl_v3(0.0f, 0.0f, 1.0f);
+    const kl_record_hot hot = {.normal = kl_oct_encode(up), .radius = 1.0f, .radius2 = 1.0f};
+    return kl_record_bearing(&hot, &query, kl_v3(beside, 0.0f, above), up).weight;
+}
+
+static void layers_close_above_are_not_served(void **state)
+{
+    (void)state;
+    assert_true(weight_at(0.1f, 0.2f) == 0.0f); /* within the slab, but steep */
+    assert_true(weight_at(0.5f, 0.3f) == 0.0f);
+    assert_true(weight_at(0.5f, 0.15f) > 0.4f); /* what a curved surface may do */
+    assert_true(weight_at(0.0f, 0.01f) > 0.9f); /* rough */
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -196,6 +214,7 @@ int main(void)
         cmocka_unit_test(gradients_survive),
         cmocka_unit_test(darkness_has_no_gradient),
         cmocka_unit_test(radii_follow_the_hessian),
+        cmocka_unit_test(layers_close_above_are_not_served),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
