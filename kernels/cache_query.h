@@ -111,8 +111,9 @@ typedef struct kl_bearing {
 } kl_bearing;
 
 /* Bearing of a point at distance d from a record with normal `ni`. Weight: elliptic hat of
- * Schwarzhaupt, Jensen, Jarosz 2012; behind test with the mean normal after Ward 1988. No branches:
- * the host asks several records at once. */
+ * Schwarzhaupt, Jensen, Jarosz 2012; behind test with the mean normal after Ward 1988; fades out
+ * before the height at which another surface begins (0030, 0032). No branches: the host asks
+ * several records at once. */
 KL_FN kl_bearing kl_bearing_of(kl_vec3 d, kl_vec3 ni, float radius, float radius2, kl_u32 form,
                                const kl_query *q, kl_vec3 n, kl_vec3 bent)
 {
@@ -126,7 +127,9 @@ KL_FN kl_bearing kl_bearing_of(kl_vec3 d, kl_vec3 ni, float radius, float radius
     kl_bearing b;
     b.inverse = 1.0f / kl_sqrt(kl_fmax(d2, 1e-37f));
     const float most = kl_fmin(KL_SLAB * r1, KL_STEEPEST * (d2 * b.inverse) + KL_FLAT * r1);
-    const int applies = (d2 < r2 * r2) & (cosine > q->cos_max) & (kl_fabs(height) <= most) &
+    const float apart = height * height / (most * most); /* 1: another surface */
+    const float apart4 = apart * apart * apart * apart;
+    const int applies = (d2 < r2 * r2) & (cosine > q->cos_max) & (apart < 1.0f) &
                         (0.5f * (kl_dot(d, n) + height) >= -KL_BEHIND_TOLERANCE * r1);
     b.x = kl_dot(d, f.t);
     b.y = kl_dot(d, f.b);
@@ -137,7 +140,8 @@ KL_FN kl_bearing kl_bearing_of(kl_vec3 d, kl_vec3 ni, float radius, float radius
     const float major = b.y * axis.x - b.x * axis.y;
     const float t2 = d2 * steep - major * major * (steep - 1.0f / (r2 * r2));
     const float hat = kl_fmax(0.0f, 1.0f - kl_sqrt(kl_fmax(t2, 0.0f)));
-    b.weight = applies ? hat * (cosine - q->cos_max) * (1.0f / (1.0f - q->cos_max)) : 0.0f;
+    const float alike = (cosine - q->cos_max) * (1.0f / (1.0f - q->cos_max));
+    b.weight = applies ? hat * alike * (1.0f - apart4) : 0.0f;
     return b;
 }
 
@@ -192,25 +196,48 @@ KL_FN kl_u32 kl_gradient_pair(const KL_GLOBAL kl_record_cold *c, int i)
     return c->grad[2 * i] | (kl_u32)c->grad[2 * i + 1] << 16;
 }
 
-/* What a record with irradiance `irr` in one channel says that it is at a bearing: first order in
- * position and normal, as a factor that is kept within bounds. Farther out than the radius that the
- * record asked for (pixels may be larger) its gradient is not followed. */
-KL_FN float kl_extrapolate(float irr, kl_u32 along, kl_u32 turn, float raw_radius,
-                           const kl_bearing *b)
+/* A pair of a record's components times (x, y). */
+KL_FN float kl_pair_dot(kl_u32 pair, float x, float y)
 {
-    const float scale = kl_fmin(1.0f / raw_radius, KL_GRADIENT_REACH * b->inverse);
-    const float g = 1.0f +
-                    (kl_half_to_float(along & 0xffffu) * (b->x * scale) +
-                     kl_half_to_float(along >> 16) * (b->y * scale)) +
-                    (kl_half_to_float(turn & 0xffffu) * b->u + kl_half_to_float(turn >> 16) * b->v);
+    return kl_half_to_float(pair & 0xffffu) * x + kl_half_to_float(pair >> 16) * y;
+}
+
+/* What to multiply translational gradients by, which are told times the raw radius [1/m]. Farther
+ * out than the radius that the record asked for (pixels may be larger) they are not followed.
+ * `inverse`: of the distance. */
+KL_FN float kl_gradient_scale(float raw_radius, float inverse)
+{
+    return kl_fmin(1.0f / raw_radius, KL_GRADIENT_REACH * inverse);
+}
+
+/* What a record with irradiance `irr` in one channel says that it is at a bearing, as a factor that
+ * is kept within bounds: first order in the normal (`turn`), but half of it in position (`along`).
+ * The other half goes by the gradient at the other end. `scale`: kl_gradient_scale. */
+KL_FN float kl_extrapolate(float irr, kl_u32 along, kl_u32 turn, float scale, kl_bearing b)
+{
+    const float g =
+        1.0f + 0.5f * scale * kl_pair_dot(along, b.x, b.y) + kl_pair_dot(turn, b.u, b.v);
     return irr * kl_clamp(g, KL_MIN_EXTRAPOLATION, KL_MAX_EXTRAPOLATION);
 }
-KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, const kl_bearing *b)
+KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, kl_bearing b)
 {
+    const float scale = kl_gradient_scale(c->raw_radius, b.inverse);
     float e[3];
     for (int i = 0; i < 3; ++i) {
-        e[i] = kl_extrapolate(c->irr[i], kl_gradient_pair(c, i), kl_gradient_pair(c, 3 + i),
-                              c->raw_radius, b);
+        e[i] =
+            kl_extrapolate(c->irr[i], kl_gradient_pair(c, i), kl_gradient_pair(c, 3 + i), scale, b);
+    }
+    return kl_v3(e[0], e[1], e[2]);
+}
+
+/* What the irradiance gains on half the way to a bearing, by the record's translational gradient.
+ */
+KL_FN kl_vec3 kl_record_half_gain(const KL_GLOBAL kl_record_cold *c, kl_bearing b)
+{
+    const float scale = 0.5f * kl_gradient_scale(c->raw_radius, b.inverse);
+    float e[3];
+    for (int i = 0; i < 3; ++i) {
+        e[i] = c->irr[i] * scale * kl_pair_dot(kl_gradient_pair(c, i), b.x, b.y);
     }
     return kl_v3(e[0], e[1], e[2]);
 }
@@ -261,11 +288,14 @@ typedef struct kl_lanes {
     float radius[KL_LANES];
     float share[KL_LANES]; /* weight over squared radius, in edges of the root */
     float weight[KL_LANES], x[KL_LANES], y[KL_LANES], u[KL_LANES], v[KL_LANES], inverse[KL_LANES];
+    float dx[KL_LANES], dy[KL_LANES]; /* way to the point, in the point's frame */
+    float tx[KL_LANES], ty[KL_LANES]; /* the record's tangents, likewise */
+    float bx[KL_LANES], by[KL_LANES];
     kl_u32 sector[KL_LANES];
 } kl_lanes;
 
 KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, const kl_query *q,
-                          kl_vec3 p, kl_vec3 n, kl_vec3 bent, kl_lanes *l)
+                          kl_vec3 p, const kl_frame *at, kl_vec3 bent, kl_lanes *l)
 {
     kl_columns hot;
     kl_columns_load(c->hot, KL_HOT_WORDS, 0, records, &hot);
@@ -275,9 +305,10 @@ KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, const k
                                 p.y - kl_as_f32(hot.at[KL_HOT_POS + 1][k]),
                                 p.z - kl_as_f32(hot.at[KL_HOT_POS + 2][k]));
         const float radius = kl_as_f32(hot.at[KL_HOT_RADIUS][k]);
-        const kl_bearing b =
-            kl_bearing_of(d, kl_oct_decode(hot.at[KL_HOT_NORMAL][k]), radius,
-                          kl_as_f32(hot.at[KL_HOT_RADIUS2][k]), hot.at[KL_HOT_FORM][k], q, n, bent);
+        const kl_vec3 ni = kl_oct_decode(hot.at[KL_HOT_NORMAL][k]);
+        const kl_frame f = kl_frame_from_normal(ni);
+        const kl_bearing b = kl_bearing_of(d, ni, radius, kl_as_f32(hot.at[KL_HOT_RADIUS2][k]),
+                                           hot.at[KL_HOT_FORM][k], q, at->n, bent);
         /* Where a small record serves, a large one that reaches there knows less. */
         const float fine = c->head.side / radius;
         l->radius[k] = radius;
@@ -289,6 +320,12 @@ KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, const k
         l->v[k] = b.v;
         l->inverse[k] = b.inverse;
         l->sector[k] = b.sector;
+        l->tx[k] = kl_dot(f.t, at->t);
+        l->ty[k] = kl_dot(f.t, at->b);
+        l->bx[k] = kl_dot(f.b, at->t);
+        l->by[k] = kl_dot(f.b, at->b);
+        l->dx[k] = kl_dot(d, at->t);
+        l->dy[k] = kl_dot(d, at->b);
     }
 }
 
@@ -304,7 +341,11 @@ KL_FN int kl_lanes_serve(const kl_lanes *l)
 /* What KL_LANES records add to an answer: shares times what they say. */
 typedef struct kl_terms {
     float red[KL_LANES], green[KL_LANES], blue[KL_LANES]; /* irradiance */
-    float error[KL_LANES];                                /* squared */
+    float red_x[KL_LANES], red_y[KL_LANES];               /* gradients, in the point's frame */
+    float green_x[KL_LANES], green_y[KL_LANES];
+    float blue_x[KL_LANES], blue_y[KL_LANES];
+    float dx[KL_LANES], dy[KL_LANES]; /* ways to the point */
+    float error[KL_LANES];            /* squared */
     float radius[KL_LANES];
 } kl_terms;
 
@@ -335,18 +376,38 @@ KL_FN void kl_lanes_extrapolate(const kl_level_view *c, const kl_u32 *records, k
         const float blue = kl_as_f32(head.at[KL_COLD_IRR + 2][k]);
         l->share[k] = share;
         l->weight[k] = blocked ? 0.0f : b.weight;
-        terms->red[k] = share * kl_extrapolate(red, head.at[KL_COLD_GRAD][k],
-                                               head.at[KL_COLD_GRAD + 3][k], raw_radius, &b);
-        terms->green[k] = share * kl_extrapolate(green, head.at[KL_COLD_GRAD + 1][k],
-                                                 head.at[KL_COLD_GRAD + 4][k], raw_radius, &b);
-        terms->blue[k] = share * kl_extrapolate(blue, head.at[KL_COLD_GRAD + 2][k],
-                                                tail.at[KL_COLD_GRAD + 5 - 8][k], raw_radius, &b);
+        const float scale = kl_gradient_scale(raw_radius, b.inverse);
+        const float steep = share * scale;
+        const kl_u32 along_red = head.at[KL_COLD_GRAD][k];
+        const kl_u32 along_green = head.at[KL_COLD_GRAD + 1][k];
+        const kl_u32 along_blue = head.at[KL_COLD_GRAD + 2][k];
+        const kl_u32 turn_blue = tail.at[KL_COLD_GRAD + 5 - 8][k];
+        terms->red[k] =
+            share * kl_extrapolate(red, along_red, head.at[KL_COLD_GRAD + 3][k], scale, b);
+        terms->green[k] =
+            share * kl_extrapolate(green, along_green, head.at[KL_COLD_GRAD + 4][k], scale, b);
+        terms->blue[k] = share * kl_extrapolate(blue, along_blue, turn_blue, scale, b);
+        terms->red_x[k] = steep * red * kl_pair_dot(along_red, l->tx[k], l->bx[k]);
+        terms->red_y[k] = steep * red * kl_pair_dot(along_red, l->ty[k], l->by[k]);
+        terms->green_x[k] = steep * green * kl_pair_dot(along_green, l->tx[k], l->bx[k]);
+        terms->green_y[k] = steep * green * kl_pair_dot(along_green, l->ty[k], l->by[k]);
+        terms->blue_x[k] = steep * blue * kl_pair_dot(along_blue, l->tx[k], l->bx[k]);
+        terms->blue_y[k] = steep * blue * kl_pair_dot(along_blue, l->ty[k], l->by[k]);
+        terms->dx[k] = share * l->dx[k];
+        terms->dy[k] = share * l->dy[k];
         terms->error[k] = share * error * error;
         terms->radius[k] = share * l->radius[k];
     }
 }
 
-KL_FN void kl_answer_add(const kl_lanes *l, const kl_terms *terms, kl_u32 count, kl_answer *a)
+/* Sums over records: shares times gradients, and times ways from records to the point. */
+typedef struct kl_slopes {
+    kl_vec2 red, green, blue;
+    kl_vec2 way;
+} kl_slopes;
+
+KL_FN void kl_answer_add(const kl_lanes *l, const kl_terms *terms, kl_u32 count, kl_answer *a,
+                         kl_slopes *s)
 {
     for (kl_u32 k = 0; k < count; ++k) {
         a->irr.x += terms->red[k];
@@ -357,7 +418,24 @@ KL_FN void kl_answer_add(const kl_lanes *l, const kl_terms *terms, kl_u32 count,
         a->weight += l->weight[k];
         a->best = kl_fmax(a->best, l->weight[k]);
         a->shares += l->share[k];
+        s->red.x += terms->red_x[k];
+        s->red.y += terms->red_y[k];
+        s->green.x += terms->green_x[k];
+        s->green.y += terms->green_y[k];
+        s->blue.x += terms->blue_x[k];
+        s->blue.y += terms->blue_y[k];
+        s->way.x += terms->dx[k];
+        s->way.y += terms->dy[k];
     }
+}
+
+/* A channel's mean irradiance and the other half of the mean way, by the mean gradient. Of a field
+ * of second order that leaves d^T H d / 2, d being the mean way; own gradients alone leave that and
+ * the spread of ways about it (decision 0031). `each`: 1 over the sum of shares. */
+KL_FN float kl_answer_bend(float irr, kl_vec2 gradient, kl_vec2 way, float each)
+{
+    const float gain = (each * gradient.x) * (each * way.x) + (each * gradient.y) * (each * way.y);
+    return kl_clamp(irr + 0.5f * gain, KL_MIN_EXTRAPOLATION * irr, KL_MAX_EXTRAPOLATION * irr);
 }
 
 /* `n`: smooth normal, decides which records apply; `bent`: normal for which the irradiance is
@@ -373,6 +451,8 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     a.error = 0.0f;
     a.radius = 0.0f;
     if (c->head.record_count == 0u) return a;
+    const kl_frame frame = kl_frame_from_normal(n);
+    kl_slopes slopes = {{0.0f, 0.0f}, {0.0f, 0.0f}, {0.0f, 0.0f}, {0.0f, 0.0f}};
     kl_u32 at = kl_octree_row(c, p, kl_normal_face(n));
     while (at != KL_NONE && a.weight < q->enough) {
         kl_u32 near[KL_GROUP];
@@ -384,10 +464,10 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
             const kl_u32 count = found - first < KL_LANES ? found - first : KL_LANES;
             kl_lanes l;
             kl_terms terms;
-            kl_lanes_weigh(c, near + first, q, p, n, bent, &l);
+            kl_lanes_weigh(c, near + first, q, p, &frame, bent, &l);
             if (!kl_lanes_serve(&l)) continue;
             kl_lanes_extrapolate(c, near + first, &l, &terms);
-            kl_answer_add(&l, &terms, count, &a);
+            kl_answer_add(&l, &terms, count, &a, &slopes);
             for (kl_u32 k = 0; k < count; ++k) {
                 if (l.weight[k] > 0.0f) KL_NOTE_USE(c, near[first + k]);
             }
@@ -396,6 +476,9 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     if (a.weight > 0.0f) {
         const float each = 1.0f / a.shares;
         a.irr = kl_v3_scale(a.irr, each);
+        a.irr.x = kl_answer_bend(a.irr.x, slopes.red, slopes.way, each);
+        a.irr.y = kl_answer_bend(a.irr.y, slopes.green, slopes.way, each);
+        a.irr.z = kl_answer_bend(a.irr.z, slopes.blue, slopes.way, each);
         a.error = kl_sqrt(a.error * each);
         a.radius *= each;
     }

@@ -9,13 +9,15 @@ static float told_error(const kl_record_cold *cold)
     return kl_half_to_float(cold->error_spacing & 0xffffu);
 }
 
-/* Does what a record says at a bearing, `said`, contradict what was gathered there? */
+/* Does what a record says at the bearing `b` of another, which has it at the bearing `back`,
+ * contradict what was gathered there? Half of the way by either's gradient, as answers go. */
 static bool contradicts(const kl_record_cold *record, const kl_record_cold *there,
-                        const kl_bearing *b, float error)
+                        const kl_bearing *b, const kl_bearing *back, float error)
 {
-    const float said = kl_luminance(kl_record_extrapolate(record, b));
+    const kl_vec3 half = kl_record_extrapolate(record, *b);
+    const float said = kl_luminance(kl_v3_sub(half, kl_record_half_gain(there, *back)));
     const float found = kl_luminance(kl_v3_load(there->irr));
-    const float noise = said * told_error(record) + found * told_error(there);
+    const float noise = fabsf(said) * told_error(record) + found * told_error(there);
     return fabsf(said - found) > error * found + standard_errors * noise;
 }
 
@@ -45,7 +47,9 @@ static float share_of(const struct kl_record_set *set, uint32_t number, float er
         const kl_bearing b =
             kl_record_bearing(r, &query, kl_v3_load(there->pos), kl_oct_decode(there->normal));
         if (!(b.weight > 0.0f) || kl_record_is_blocked(cold, &b)) continue;
-        if (!contradicts(cold, &set->cold[near[k]], &b, error)) continue;
+        const kl_bearing back =
+            kl_record_bearing(there, &query, kl_v3_load(r->pos), kl_oct_decode(r->normal));
+        if (!contradicts(cold, &set->cold[near[k]], &b, &back, error)) continue;
         share = fminf(share, share_at(r, &b) / set->reach);
     }
     return share;

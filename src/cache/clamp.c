@@ -7,6 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* How far records must agree, of the second-order term at the end of their radii: half of the error
+ * that is asked for (0013, 0031). */
+static const float agreed = 0.25f;
+
 kl_status kl_clamp_tree(const kl_record_hot *hot, const kl_record_cold *cold, uint32_t count,
                         const struct kl_radius_settings *settings, struct kl_point_tree **out,
                         struct kl_err *err)
@@ -40,7 +44,7 @@ void kl_clamp_by_neighbours(const struct kl_record_set *set,
 void kl_clamp_by_agreement(const struct kl_record_set *set, uint32_t level,
                            const struct kl_radius_settings *settings, float *scratch)
 {
-    const float error = settings->accuracy * settings->accuracy; /* where radii end: 0013 */
+    const float error = agreed * settings->accuracy * settings->accuracy;
     if (level != 0 || settings->rule != KL_RADIUS_HESSIAN) return;
     kl_agreement_shares(set, error, scratch);
     for (uint32_t i = 0; i < set->count; ++i) {

@@ -2,8 +2,9 @@
  * radii. Both caches gather with the same number of rays and stand as for an image `finer` times as
  * large as the one named; at 1/16 as many of its pixels as the named one has the cache's answer is
  * compared with a gather of that point by 65 536 rays or more that end in the same level 1, so that
- * radii and the records' own noise are all that differs. Prints JSON. usage: bench_radii SCENE.glb
- * CAMERA WIDTH HEIGHT [rays 16384] [finer 4] */
+ * radii and the records' own noise are all that differs. `first_order`: the same records, each
+ * followed by its own gradient alone, as split-sphere was published. Prints JSON. usage:
+ * bench_radii SCENE.glb CAMERA WIDTH HEIGHT [rays 16384] [finer 4] */
 #include "src/base/memory.h"
 #include "src/import/import.h"
 #include "src/render/fill_points.h"
@@ -24,10 +25,18 @@ struct bench {
     uint32_t width, height, rays, finer;
 };
 
+/* How records are interpolated. */
+enum rule { ANSWER, FIRST_ORDER, RULES };
+static const char *const rule_names[RULES] = {"answer", "first_order"};
+
+struct rmse {
+    double relative, absolute; /* of relative errors; over the mean irradiance */
+};
+
 struct point {
     double error; /* that was asked for */
     uint32_t records;
-    double relative, absolute; /* RMSE: of relative errors; over the mean irradiance */
+    struct rmse rmse[RULES];
 };
 
 struct curve {
@@ -48,32 +57,55 @@ static kl_status find_camera(const struct bench *b, struct kl_renderer *r, struc
     return kl_fail(err, KL_ERR_USAGE, "no camera '%s'", b->camera);
 }
 
+/* Luminance of the weighted mean of what all records say by their own gradients; 0: none serves. */
+static float first_order(const kl_level_view *level, const kl_query *query,
+                         const struct kl_point *p)
+{
+    double shares = 0.0;
+    double sum = 0.0;
+    for (uint32_t i = 0; i < level->head.record_count; ++i) {
+        const kl_record_hot *hot = &level->hot[i];
+        const kl_record_cold *cold = &level->cold[i];
+        const kl_bearing b = kl_record_bearing(hot, query, p->pos, p->smooth);
+        if (!(b.weight > 0.0f) || kl_record_is_blocked(cold, &b)) continue;
+        const double share = (double)b.weight / ((double)hot->radius * (double)hot->radius);
+        const kl_vec3 half = kl_record_half_gain(cold, b);
+        shares += share;
+        sum += share * (double)kl_luminance(kl_v3_add(kl_record_extrapolate(cold, b), half));
+    }
+    return shares > 0.0 ? (float)(sum / shares) : 0.0f;
+}
+
+static float said(enum rule rule, const kl_level_view *level, const struct kl_point *p)
+{
+    const kl_query query = kl_renderer_eye_query();
+    if (rule == FIRST_ORDER) return first_order(level, &query, p);
+    return kl_luminance(kl_cache_query(level, &query, p->pos, p->smooth, p->smooth).irr);
+}
+
 /* Errors at `n` points, less what is noise of the references. Points without a record are left out.
  */
-static void judge(const struct kl_renderer *r, const struct kl_point *where,
-                  const kl_gather_result *found, size_t n, struct point *p)
+static struct rmse judge(enum rule rule, const struct kl_renderer *r, const struct kl_point *where,
+                         const kl_gather_result *found, size_t n)
 {
     const kl_level_view level = kl_cache_view(r->cache, 0);
-    const kl_query query = kl_renderer_eye_query();
     double sum = 0.0;
     double absolute2 = 0.0;
     double relative2 = 0.0;
-    size_t served = 0;
+    double served = 0.0;
     for (size_t i = 0; i < n; ++i) {
-        const kl_answer a =
-            kl_cache_query(&level, &query, where[i].pos, where[i].smooth, where[i].smooth);
+        const double e = (double)said(rule, &level, &where[i]);
         const double y = (double)kl_luminance(kl_v3_load(found[i].irr));
-        const double d = (double)kl_luminance(a.irr) - y;
         const double noise = (double)found[i].error * y;
-        if (!(a.weight > 0.0f) || !(y > 0.0)) continue;
+        if (!(e > 0.0) || !(y > 0.0)) continue;
         sum += y;
-        absolute2 += d * d - noise * noise;
-        relative2 += (d * d - noise * noise) / (y * y);
-        ++served;
+        absolute2 += (e - y) * (e - y) - noise * noise;
+        relative2 += ((e - y) * (e - y) - noise * noise) / (y * y);
+        served += 1.0;
     }
-    if (served == 0) return;
-    p->relative = sqrt(fmax(0.0, relative2) / (double)served);
-    p->absolute = sqrt(fmax(0.0, absolute2) / (double)served) / (sum / (double)served);
+    if (!(served > 0.0)) return (struct rmse){0};
+    return (struct rmse){.relative = sqrt(fmax(0.0, relative2) / served),
+                         .absolute = sqrt(fmax(0.0, absolute2) / served) / (sum / served)};
 }
 
 static kl_status compare(struct kl_renderer *r, const struct kl_camera *camera, uint32_t every,
@@ -101,7 +133,9 @@ static kl_status compare(struct kl_renderer *r, const struct kl_camera *camera, 
     }
     job.points = gather;
     if (st == KL_OK) st = kl_reference_gather(&job, kl_gatherer_run, r->gatherer, &rays, err);
-    if (st == KL_OK) judge(r, where, job.results, job.count, p);
+    for (int k = 0; st == KL_OK && k < RULES; ++k) {
+        p->rmse[k] = judge((enum rule)k, r, where, job.results, job.count);
+    }
     free(where);
     free(gather);
     free(job.results);
@@ -140,55 +174,79 @@ static kl_status measure_curve(const struct bench *b, struct curve *c, struct kl
         p->error = c->errors[c->count];
         st = measure(b, c->rule, p, err);
         if (st != KL_OK) return st;
-        (void)fprintf(stderr, "%s %g: %u records, RMSE %.4f of the mean, %.4f relative\n", c->name,
-                      p->error, p->records, p->absolute, p->relative);
+        (void)fprintf(stderr, "%s %g: %u records", c->name, p->error, p->records);
+        for (int k = 0; k < RULES; ++k) {
+            (void)fprintf(stderr, ", %s: RMSE %.4f of the mean, %.4f relative", rule_names[k],
+                          p->rmse[k].absolute, p->rmse[k].relative);
+        }
+        (void)fprintf(stderr, "\n");
     }
     return st;
 }
 
+static double along(double from, double to, double f)
+{
+    return from * pow(to / from, f);
+}
+
 /* RMSE of a curve at a number of records, log-log between its points; 0 outside of them. */
-static double at_records(const struct curve *c, uint32_t records, bool relative)
+static struct rmse at_records(const struct curve *c, uint32_t records, int rule)
 {
     for (int i = 1; i < c->count; ++i) {
         const struct point *p = &c->points[i - 1];
         const struct point *q = &c->points[i];
         if (records < p->records || records > q->records || p->records == q->records) continue;
         const double f = log((double)records / p->records) / log((double)q->records / p->records);
-        const double from = relative ? p->relative : p->absolute;
-        const double to = relative ? q->relative : q->absolute;
-        return from * pow(to / from, f);
+        return (struct rmse){along(p->rmse[rule].relative, q->rmse[rule].relative, f),
+                             along(p->rmse[rule].absolute, q->rmse[rule].absolute, f)};
     }
-    return 0.0;
+    return (struct rmse){0};
+}
+
+static void print_curve(const struct curve *c)
+{
+    (void)printf(",\n \"%s\": [", c->name);
+    for (int i = 0; i < c->count; ++i) {
+        const struct point *p = &c->points[i];
+        (void)printf("%s{\"error\": %g, \"records\": %u", i > 0 ? ", " : "", p->error, p->records);
+        for (int k = 0; k < RULES; ++k) {
+            (void)printf(", \"%s\": {\"rmse\": %.5f, \"relative_rmse\": %.5f}", rule_names[k],
+                         p->rmse[k].absolute, p->rmse[k].relative);
+        }
+        (void)printf("}");
+    }
+    (void)printf("]");
+}
+
+/* Split-sphere over Hessian, the one as answers go, the other by either rule. */
+static void print_ratios(const struct curve *hessian, const struct curve *other)
+{
+    const char *separator = "";
+    (void)printf(",\n \"equal_records\": [");
+    for (int i = 0; i < hessian->count; ++i) {
+        const struct point *p = &hessian->points[i];
+        if (!(at_records(other, p->records, ANSWER).absolute > 0.0)) continue;
+        (void)printf("%s{\"records\": %u", separator, p->records);
+        for (int k = 0; k < RULES; ++k) {
+            const struct rmse split = at_records(other, p->records, k);
+            (void)printf(", \"%s\": {\"rmse_ratio\": %.3f, \"relative_rmse_ratio\": %.3f}",
+                         rule_names[k], split.absolute / p->rmse[ANSWER].absolute,
+                         split.relative / p->rmse[ANSWER].relative);
+        }
+        (void)printf("}");
+        separator = ", ";
+    }
+    (void)printf("]}\n");
 }
 
 static void print(const struct bench *b, const struct curve *curves)
 {
-    const struct curve *best = &curves[0];
     (void)printf("{\"camera\": \"%s\", \"width\": %u, \"height\": %u, \"rays\": %u, \"finer\": "
                  "%u",
                  b->camera, b->width, b->height, b->rays, b->finer);
-    for (int k = 0; k < 2; ++k) {
-        (void)printf(",\n \"%s\": [", curves[k].name);
-        for (int i = 0; i < curves[k].count; ++i) {
-            const struct point *p = &curves[k].points[i];
-            (void)printf("%s{\"error\": %g, \"records\": %u, \"rmse\": %.5f, \"relative_rmse\": "
-                         "%.5f}",
-                         i > 0 ? ", " : "", p->error, p->records, p->absolute, p->relative);
-        }
-        (void)printf("]");
-    }
-    (void)printf(",\n \"equal_records\": [");
-    bool first = true;
-    for (int i = 0; i < best->count; ++i) {
-        const struct point *p = &best->points[i];
-        const double other = at_records(&curves[1], p->records, false);
-        if (!(other > 0.0)) continue;
-        (void)printf("%s{\"records\": %u, \"rmse_ratio\": %.3f, \"relative_rmse_ratio\": %.3f}",
-                     first ? "" : ", ", p->records, other / p->absolute,
-                     at_records(&curves[1], p->records, true) / p->relative);
-        first = false;
-    }
-    (void)printf("]}\n");
+    print_curve(&curves[0]);
+    print_curve(&curves[1]);
+    print_ratios(&curves[0], &curves[1]);
 }
 
 int main(int argc, char **argv)
