@@ -212,7 +212,8 @@ KL_FN float kl_gradient_scale(float raw_radius, float inverse)
 
 /* What a record with irradiance `irr` in one channel says that it is at a bearing, as a factor that
  * is kept within bounds: first order in the normal (`turn`), but half of it in position (`along`).
- * The other half goes by the gradient at the other end. `scale`: kl_gradient_scale. */
+ * The other half goes by the gradient at the other end. `scale`: kl_gradient_scale. The bearing comes
+ * by value: with its address taken GCC 12 does not turn the loop over lanes into vectors. */
 KL_FN float kl_extrapolate(float irr, kl_u32 along, kl_u32 turn, float scale, kl_bearing b)
 {
     const float g =

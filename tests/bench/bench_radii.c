@@ -252,7 +252,7 @@ static void print(const struct bench *b, const struct curve *curves)
 int main(int argc, char **argv)
 {
     struct curve curves[] = {
-        {.name = "hessian", .rule = KL_RADIUS_HESSIAN, .errors = {0.2, 0.1, 0.05}},
+        {.name = "hessian", .rule = KL_RADIUS_HESSIAN, .errors = {0.1, 0.05, 0.025}},
         {.name = "split_sphere", .rule = KL_RADIUS_SPLIT_SPHERE, .errors = {0.2, 0.14, 0.1}},
     };
     struct bench b = {0};
