@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* How far records must agree, of the second-order term at the end of their radii (0013). That is
- * twice the error that is asked for, so they differ by half of the error (0031). */
-static const float agreed = 0.25f;
+/* How far records must agree, of the second-order term at the end of their radii: that is the error
+ * that is asked for (0013), of which interpolation leaves less (0031). */
+static const float agreed = 0.5f;
 
 kl_status kl_clamp_tree(const kl_record_hot *hot, const kl_record_cold *cold, uint32_t count,
                         const struct kl_radius_settings *settings, struct kl_point_tree **out,

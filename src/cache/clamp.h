@@ -18,8 +18,8 @@ kl_status kl_clamp_tree(const kl_record_hot *hot, const kl_record_cold *cold, ui
 void kl_clamp_by_neighbours(const struct kl_record_set *set,
                             const struct kl_radius_settings *settings);
 
-/* Let no record reach the nearest other one that it is wrong about by more than a quarter of the
- * accuracy's square: half of the error that is asked for, as level 0 is given twice of it (0031).
+/* Let no record reach the nearest other one that it is wrong about by more than half of the
+ * accuracy's square, which is the error that is asked for (0013).
  * Split-sphere radii stay as published, and so does level 1: gather rays average over so much of it
  * that single records' mistakes do not matter (0025).
  * `scratch`: as many as records. Threads: uses all. */

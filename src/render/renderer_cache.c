@@ -8,15 +8,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Where radii end, by level: at so many times the error by what a record alone leaves out, the
- * second-order term. Interpolation leaves out less (docs/decisions/0031-both-gradients.md); level 1
- * stays fine (0024-level-1.md). */
-static const double left_out[KL_CACHE_LEVELS] = {2.0, 1.0};
-
 /* Radius over raw radius for an error to aim at. */
-static float accuracy_for(enum kl_radius_rule rule, uint32_t level, double error)
+static float accuracy_for(enum kl_radius_rule rule, double error)
 {
-    return (float)sqrt((rule == KL_RADIUS_HESSIAN ? left_out[level] : 4.0) * error);
+    return (float)sqrt((rule == KL_RADIUS_HESSIAN ? 1.0 : 4.0) * error);
 }
 
 void kl_renderer_tell_use(struct kl_renderer *r)
@@ -81,7 +76,7 @@ static void choose_accuracy(struct kl_renderer *r)
 {
     const size_t n = r->store != NULL ? kl_store_segment_count(r->store) : 0;
     for (uint32_t l = 0; l < KL_CACHE_LEVELS; ++l) {
-        r->accuracy[l] = accuracy_for(r->settings.radius, l, r->settings.error);
+        r->accuracy[l] = accuracy_for(r->settings.radius, r->settings.error);
     }
     for (size_t i = 0; i < n; ++i) {
         struct kl_store_segment_info info;

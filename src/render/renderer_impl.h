@@ -16,7 +16,7 @@
 
 enum { KL_FIRST_SIDE = 8, KL_TABLES = 6, KL_LAST_SIDE = KL_FIRST_SIDE << (KL_TABLES - 1) };
 
-#define KL_EYE_REACH     1.4f    /* second-pass smoothing: methods of Krivanek 2008 */
+#define KL_EYE_REACH     1.3f    /* second-pass smoothing: methods of Krivanek 2008 */
 #define KL_COS_MAX       0.9394f /* cos(0.35 rad): normals share records up to 20 degrees */
 #define KL_LENGTH_SCALE  2.0f
 #define KL_GATHER_WEIGHT 0.3f

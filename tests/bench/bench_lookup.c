@@ -1,6 +1,6 @@
 /* What a look-up costs: queries among records on the surfaces of a scene against incoherent rays in
  * the same scene, both in processor time of one core, median of 5. Prints JSON.
- * usage: bench_lookup SCENE.glb [records, 300000] [reach, 1.4] [records within reach, 8]
+ * usage: bench_lookup SCENE.glb [records, 300000] [reach, 1.3] [records within reach, 8]
  *        bench_lookup SCENE.glb CACHE.klc [cache level, 0]
  * The second form looks up what a bake left, at points that it serves, and also with the radii that
  * its records have without clamping by validity. */
@@ -445,7 +445,7 @@ static kl_status run(struct bench *b, struct kl_err *err)
 int main(int argc, char **argv)
 {
     struct bench b = {.records = argc > 2 ? (uint32_t)strtoul(argv[2], NULL, 10) : 300000,
-                      .reach = argc > 3 ? strtof(argv[3], NULL) : 1.4f,
+                      .reach = argc > 3 ? strtof(argv[3], NULL) : 1.3f,
                       .overlap = argc > 4 ? strtof(argv[4], NULL) : 8.0f};
     struct kl_err err = {0};
     if (argc < 2) {
