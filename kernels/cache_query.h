@@ -210,37 +210,37 @@ KL_FN float kl_gradient_scale(float raw_radius, float inverse)
     return kl_fmin(1.0f / raw_radius, KL_GRADIENT_REACH * inverse);
 }
 
-/* What a record with irradiance `irr` in one channel says that it is at a bearing, as a factor that
- * is kept within bounds: first order in the normal (`turn`), but half of it in position (`along`).
- * The other half goes by the gradient at the other end. `scale`: kl_gradient_scale. The bearing comes
- * by value: with its address taken GCC 12 does not turn the loop over lanes into vectors. */
-KL_FN float kl_extrapolate(float irr, kl_u32 along, kl_u32 turn, float scale, kl_bearing b)
+/* What a record says that irradiance gains on half of the way to a bearing and half of the turn, over
+ * what it has itself, in one channel: first order. The other half goes by gradients at the other end.
+ * `scale`: kl_gradient_scale. The bearing comes by value: with its address taken GCC 12 does not turn
+ * the loop over lanes into vectors. */
+KL_FN float kl_half_gain(kl_u32 along, kl_u32 turn, float scale, kl_bearing b)
 {
-    const float g =
-        1.0f + 0.5f * scale * kl_pair_dot(along, b.x, b.y) + kl_pair_dot(turn, b.u, b.v);
-    return irr * kl_clamp(g, KL_MIN_EXTRAPOLATION, KL_MAX_EXTRAPOLATION);
-}
-KL_FN kl_vec3 kl_record_extrapolate(const KL_GLOBAL kl_record_cold *c, kl_bearing b)
-{
-    const float scale = kl_gradient_scale(c->raw_radius, b.inverse);
-    float e[3];
-    for (int i = 0; i < 3; ++i) {
-        e[i] =
-            kl_extrapolate(c->irr[i], kl_gradient_pair(c, i), kl_gradient_pair(c, 3 + i), scale, b);
-    }
-    return kl_v3(e[0], e[1], e[2]);
+    return 0.5f * (scale * kl_pair_dot(along, b.x, b.y) + kl_pair_dot(turn, b.u, b.v));
 }
 
-/* What the irradiance gains on half the way to a bearing, by the record's translational gradient.
- */
+/* Irradiance with a relative gain, which is kept within bounds. */
+KL_FN float kl_with_gain(float irr, float gain)
+{
+    return irr * kl_clamp(1.0f + gain, KL_MIN_EXTRAPOLATION, KL_MAX_EXTRAPOLATION);
+}
+
+/* kl_half_gain of all channels. */
 KL_FN kl_vec3 kl_record_half_gain(const KL_GLOBAL kl_record_cold *c, kl_bearing b)
 {
-    const float scale = 0.5f * kl_gradient_scale(c->raw_radius, b.inverse);
-    float e[3];
+    const float scale = kl_gradient_scale(c->raw_radius, b.inverse);
+    float gain[3];
     for (int i = 0; i < 3; ++i) {
-        e[i] = c->irr[i] * scale * kl_pair_dot(kl_gradient_pair(c, i), b.x, b.y);
+        gain[i] = kl_half_gain(kl_gradient_pair(c, i), kl_gradient_pair(c, 3 + i), scale, b);
     }
-    return kl_v3(e[0], e[1], e[2]);
+    return kl_v3(gain[0], gain[1], gain[2]);
+}
+
+/* A record's irradiance with relative gains. */
+KL_FN kl_vec3 kl_record_with_gain(const KL_GLOBAL kl_record_cold *c, kl_vec3 gain)
+{
+    return kl_v3(kl_with_gain(c->irr[0], gain.x), kl_with_gain(c->irr[1], gain.y),
+                 kl_with_gain(c->irr[2], gain.z));
 }
 
 /* Words of a record, hot and cold. */
@@ -290,7 +290,8 @@ typedef struct kl_lanes {
     float share[KL_LANES]; /* weight over squared radius, in edges of the root */
     float weight[KL_LANES], x[KL_LANES], y[KL_LANES], u[KL_LANES], v[KL_LANES], inverse[KL_LANES];
     float dx[KL_LANES], dy[KL_LANES]; /* way to the point, in the point's frame */
-    float tx[KL_LANES], ty[KL_LANES]; /* the record's tangents, likewise */
+    float nx[KL_LANES], ny[KL_LANES]; /* way from the record's normal to `bent`, likewise */
+    float tx[KL_LANES], ty[KL_LANES]; /* the record's tangents */
     float bx[KL_LANES], by[KL_LANES];
     kl_u32 sector[KL_LANES];
 } kl_lanes;
@@ -327,6 +328,8 @@ KL_FN void kl_lanes_weigh(const kl_level_view *c, const kl_u32 *records, const k
         l->by[k] = kl_dot(f.b, at->b);
         l->dx[k] = kl_dot(d, at->t);
         l->dy[k] = kl_dot(d, at->b);
+        l->nx[k] = kl_dot(bent, at->t) - kl_dot(ni, at->t);
+        l->ny[k] = kl_dot(bent, at->b) - kl_dot(ni, at->b);
     }
 }
 
@@ -339,16 +342,32 @@ KL_FN int kl_lanes_serve(const kl_lanes *l)
     return any;
 }
 
-/* What KL_LANES records add to an answer: shares times what they say. */
+/* What KL_LANES records add to an answer in one channel: shares times what they say. */
+typedef struct kl_channel_terms {
+    float irr[KL_LANES];
+    float x[KL_LANES], y[KL_LANES]; /* gradient by position, in the point's frame */
+    float u[KL_LANES], v[KL_LANES]; /* gradient by the normal, likewise */
+} kl_channel_terms;
+
 typedef struct kl_terms {
-    float red[KL_LANES], green[KL_LANES], blue[KL_LANES]; /* irradiance */
-    float red_x[KL_LANES], red_y[KL_LANES];               /* gradients, in the point's frame */
-    float green_x[KL_LANES], green_y[KL_LANES];
-    float blue_x[KL_LANES], blue_y[KL_LANES];
+    kl_channel_terms red, green, blue;
     float dx[KL_LANES], dy[KL_LANES]; /* ways to the point */
+    float nx[KL_LANES], ny[KL_LANES]; /* ways to its normal */
     float error[KL_LANES];            /* squared */
     float radius[KL_LANES];
 } kl_terms;
+
+/* One channel of lane k, with irradiance `irr` and gradients `along` and `turn`. */
+KL_FN void kl_lane_say(const kl_lanes *l, kl_u32 k, float share, float scale, kl_bearing b, float irr,
+                       kl_u32 along, kl_u32 turn, kl_channel_terms *out)
+{
+    const float much = share * irr;
+    out->irr[k] = share * kl_with_gain(irr, kl_half_gain(along, turn, scale, b));
+    out->x[k] = much * scale * kl_pair_dot(along, l->tx[k], l->bx[k]);
+    out->y[k] = much * scale * kl_pair_dot(along, l->ty[k], l->by[k]);
+    out->u[k] = much * kl_pair_dot(turn, -l->bx[k], l->tx[k]);
+    out->v[k] = much * kl_pair_dot(turn, -l->by[k], l->ty[k]);
+}
 
 /* The records at their bearings; shares and weights of those that are blocked become 0. */
 KL_FN void kl_lanes_extrapolate(const kl_level_view *c, const kl_u32 *records, kl_lanes *l,
@@ -378,64 +397,69 @@ KL_FN void kl_lanes_extrapolate(const kl_level_view *c, const kl_u32 *records, k
         l->share[k] = share;
         l->weight[k] = blocked ? 0.0f : b.weight;
         const float scale = kl_gradient_scale(raw_radius, b.inverse);
-        const float steep = share * scale;
-        const kl_u32 along_red = head.at[KL_COLD_GRAD][k];
-        const kl_u32 along_green = head.at[KL_COLD_GRAD + 1][k];
-        const kl_u32 along_blue = head.at[KL_COLD_GRAD + 2][k];
-        const kl_u32 turn_blue = tail.at[KL_COLD_GRAD + 5 - 8][k];
-        terms->red[k] =
-            share * kl_extrapolate(red, along_red, head.at[KL_COLD_GRAD + 3][k], scale, b);
-        terms->green[k] =
-            share * kl_extrapolate(green, along_green, head.at[KL_COLD_GRAD + 4][k], scale, b);
-        terms->blue[k] = share * kl_extrapolate(blue, along_blue, turn_blue, scale, b);
-        terms->red_x[k] = steep * red * kl_pair_dot(along_red, l->tx[k], l->bx[k]);
-        terms->red_y[k] = steep * red * kl_pair_dot(along_red, l->ty[k], l->by[k]);
-        terms->green_x[k] = steep * green * kl_pair_dot(along_green, l->tx[k], l->bx[k]);
-        terms->green_y[k] = steep * green * kl_pair_dot(along_green, l->ty[k], l->by[k]);
-        terms->blue_x[k] = steep * blue * kl_pair_dot(along_blue, l->tx[k], l->bx[k]);
-        terms->blue_y[k] = steep * blue * kl_pair_dot(along_blue, l->ty[k], l->by[k]);
+        kl_lane_say(l, k, share, scale, b, red, head.at[KL_COLD_GRAD][k],
+                    head.at[KL_COLD_GRAD + 3][k], &terms->red);
+        kl_lane_say(l, k, share, scale, b, green, head.at[KL_COLD_GRAD + 1][k],
+                    head.at[KL_COLD_GRAD + 4][k], &terms->green);
+        kl_lane_say(l, k, share, scale, b, blue, head.at[KL_COLD_GRAD + 2][k],
+                    tail.at[KL_COLD_GRAD + 5 - 8][k], &terms->blue);
         terms->dx[k] = share * l->dx[k];
         terms->dy[k] = share * l->dy[k];
+        terms->nx[k] = share * l->nx[k];
+        terms->ny[k] = share * l->ny[k];
         terms->error[k] = share * error * error;
         terms->radius[k] = share * l->radius[k];
     }
 }
 
+/* By position and by the normal, in the point's frame: a gradient, or a way. */
+typedef struct kl_slope {
+    float x, y, u, v;
+} kl_slope;
+
 /* Sums over records: shares times gradients, and times ways from records to the point. */
 typedef struct kl_slopes {
-    kl_vec2 red, green, blue;
-    kl_vec2 way;
+    kl_slope red, green, blue;
+    kl_slope way;
 } kl_slopes;
+
+KL_FN void kl_channel_add(const kl_channel_terms *terms, kl_u32 k, float *irr, kl_slope *s)
+{
+    *irr += terms->irr[k];
+    s->x += terms->x[k];
+    s->y += terms->y[k];
+    s->u += terms->u[k];
+    s->v += terms->v[k];
+}
 
 KL_FN void kl_answer_add(const kl_lanes *l, const kl_terms *terms, kl_u32 count, kl_answer *a,
                          kl_slopes *s)
 {
     for (kl_u32 k = 0; k < count; ++k) {
-        a->irr.x += terms->red[k];
-        a->irr.y += terms->green[k];
-        a->irr.z += terms->blue[k];
+        kl_channel_add(&terms->red, k, &a->irr.x, &s->red);
+        kl_channel_add(&terms->green, k, &a->irr.y, &s->green);
+        kl_channel_add(&terms->blue, k, &a->irr.z, &s->blue);
+        s->way.x += terms->dx[k];
+        s->way.y += terms->dy[k];
+        s->way.u += terms->nx[k];
+        s->way.v += terms->ny[k];
         a->error += terms->error[k];
         a->radius += terms->radius[k];
         a->weight += l->weight[k];
         a->best = kl_fmax(a->best, l->weight[k]);
         a->shares += l->share[k];
-        s->red.x += terms->red_x[k];
-        s->red.y += terms->red_y[k];
-        s->green.x += terms->green_x[k];
-        s->green.y += terms->green_y[k];
-        s->blue.x += terms->blue_x[k];
-        s->blue.y += terms->blue_y[k];
-        s->way.x += terms->dx[k];
-        s->way.y += terms->dy[k];
     }
 }
 
 /* A channel's mean irradiance and the other half of the mean way, by the mean gradient. Of a field
  * of second order that leaves d^T H d / 2, d being the mean way; own gradients alone leave that and
  * the spread of ways about it (decision 0031). `each`: 1 over the sum of shares. */
-KL_FN float kl_answer_bend(float irr, kl_vec2 gradient, kl_vec2 way, float each)
+KL_FN float kl_answer_bend(float irr, const kl_slope *gradient, const kl_slope *way, float each)
 {
-    const float gain = (each * gradient.x) * (each * way.x) + (each * gradient.y) * (each * way.y);
+    const float gain = (each * gradient->x) * (each * way->x) +
+                       (each * gradient->y) * (each * way->y) +
+                       (each * gradient->u) * (each * way->u) +
+                       (each * gradient->v) * (each * way->v);
     return kl_clamp(irr + 0.5f * gain, KL_MIN_EXTRAPOLATION * irr, KL_MAX_EXTRAPOLATION * irr);
 }
 
@@ -453,7 +477,8 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     a.radius = 0.0f;
     if (c->head.record_count == 0u) return a;
     const kl_frame frame = kl_frame_from_normal(n);
-    kl_slopes slopes = {{0.0f, 0.0f}, {0.0f, 0.0f}, {0.0f, 0.0f}, {0.0f, 0.0f}};
+    const kl_slope flat = {0.0f, 0.0f, 0.0f, 0.0f};
+    kl_slopes slopes = {flat, flat, flat, flat};
     kl_u32 at = kl_octree_row(c, p, kl_normal_face(n));
     while (at != KL_NONE && a.weight < q->enough) {
         kl_u32 near[KL_GROUP];
@@ -477,9 +502,9 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     if (a.weight > 0.0f) {
         const float each = 1.0f / a.shares;
         a.irr = kl_v3_scale(a.irr, each);
-        a.irr.x = kl_answer_bend(a.irr.x, slopes.red, slopes.way, each);
-        a.irr.y = kl_answer_bend(a.irr.y, slopes.green, slopes.way, each);
-        a.irr.z = kl_answer_bend(a.irr.z, slopes.blue, slopes.way, each);
+        a.irr.x = kl_answer_bend(a.irr.x, &slopes.red, &slopes.way, each);
+        a.irr.y = kl_answer_bend(a.irr.y, &slopes.green, &slopes.way, each);
+        a.irr.z = kl_answer_bend(a.irr.z, &slopes.blue, &slopes.way, each);
         a.error = kl_sqrt(a.error * each);
         a.radius *= each;
     }

@@ -10,12 +10,13 @@ static float told_error(const kl_record_cold *cold)
 }
 
 /* Does what a record says at the bearing `b` of another, which has it at the bearing `back`,
- * contradict what was gathered there? Half of the way by either's gradient, as answers go. */
+ * contradict what was gathered there? Half of the way by either's gradients, as answers go. */
 static bool contradicts(const kl_record_cold *record, const kl_record_cold *there,
                         const kl_bearing *b, const kl_bearing *back, float error)
 {
-    const kl_vec3 half = kl_record_extrapolate(record, *b);
-    const float said = kl_luminance(kl_v3_sub(half, kl_record_half_gain(there, *back)));
+    const kl_vec3 half = kl_record_with_gain(record, kl_record_half_gain(record, *b));
+    const kl_vec3 other = kl_v3_mul(kl_v3_load(there->irr), kl_record_half_gain(there, *back));
+    const float said = kl_luminance(kl_v3_sub(half, other));
     const float found = kl_luminance(kl_v3_load(there->irr));
     const float noise = fabsf(said) * told_error(record) + found * told_error(there);
     return fabsf(said - found) > error * found + standard_errors * noise;

@@ -69,9 +69,9 @@ static float first_order(const kl_level_view *level, const kl_query *query,
         const kl_bearing b = kl_record_bearing(hot, query, p->pos, p->smooth);
         if (!(b.weight > 0.0f) || kl_record_is_blocked(cold, &b)) continue;
         const double share = (double)b.weight / ((double)hot->radius * (double)hot->radius);
-        const kl_vec3 half = kl_record_half_gain(cold, b);
+        const kl_vec3 gain = kl_v3_scale(kl_record_half_gain(cold, b), 2.0f);
         shares += share;
-        sum += share * (double)kl_luminance(kl_v3_add(kl_record_extrapolate(cold, b), half));
+        sum += share * (double)kl_luminance(kl_record_with_gain(cold, gain));
     }
     return shares > 0.0 ? (float)(sum / shares) : 0.0f;
 }

@@ -102,10 +102,9 @@ static void measure(const struct world *w, const struct field *f, double *ours, 
         double said = 0.0;
         for (uint32_t k = 0; k < w->count; ++k) {
             const kl_bearing b = kl_record_bearing(&w->hot[k], &query, kl_v3(x, y, 0.0f), n);
-            const kl_vec3 half = kl_record_extrapolate(&w->cold[k], b);
-            const kl_vec3 gain = kl_record_half_gain(&w->cold[k], b);
+            const kl_vec3 gain = kl_v3_scale(kl_record_half_gain(&w->cold[k], b), 2.0f);
             weights += (double)b.weight;
-            said += (double)b.weight * (double)(half.x + gain.x);
+            said += (double)b.weight * (double)kl_record_with_gain(&w->cold[k], gain).x;
         }
         const double truth = (double)field_value(f, x, y);
         sum[0] += pow((double)ask(w, x, y).irr.x - truth, 2.0);
@@ -164,6 +163,73 @@ static void curvature_is_followed_between_records(void **state)
     }
 }
 
+/* Irradiance about a cylinder, by the angle: all of its change comes from the normal's turn. */
+static float turned_value(float t)
+{
+    return 1.0f + 0.5f * t + 2.0f * t * t;
+}
+
+static kl_vec3 on_cylinder(float t, float y)
+{
+    return kl_v3(sinf(t), y, cosf(t));
+}
+
+static void set_turned_record(struct world *w, float t, float y)
+{
+    const kl_vec3 normal = on_cylinder(t, 0.0f);
+    const kl_frame frame = kl_frame_from_normal(normal);
+    const float e = turned_value(t);
+    const kl_vec3 slope = kl_v3_scale(kl_v3(cosf(t), 0.0f, -sinf(t)), (0.5f + 4.0f * t) / e);
+    const kl_u16 u = (kl_u16)kl_float_to_half(-kl_dot(slope, frame.b));
+    const kl_u16 v = (kl_u16)kl_float_to_half(kl_dot(slope, frame.t));
+    w->hot[w->count] =
+        (kl_record_hot){{sinf(t), y, cosf(t)}, kl_oct_encode(normal), radius, radius, 0, KL_NONE};
+    w->cold[w->count] = (kl_record_cold){.irr = {e, 2.0f * e, 0.5f * e},
+                                         .raw_radius = 1.0f,
+                                         .grad = {0, 0, 0, 0, 0, 0, u, v, u, v, u, v}};
+    memset(w->cold[w->count].clearance, 255, sizeof w->cold[w->count].clearance);
+    ++w->count;
+}
+
+static void turns_are_followed_between_records(void **state)
+{
+    static struct world w;
+    const kl_query query = {1.0f, cos_max, KL_INF};
+    struct random r = {9};
+    double ours = 0.0;
+    double alone = 0.0;
+    (void)state;
+    w = (struct world){0};
+    for (int i = 0; i < N; ++i) {
+        const float t = (float)(i % SIDE) - 0.5f * (SIDE - 1) + random_range(&r, -0.2f, 0.2f);
+        const float y = (float)(i / SIDE) - 0.5f * (SIDE - 1) + random_range(&r, -0.2f, 0.2f);
+        set_turned_record(&w, spacing * t, spacing * y);
+    }
+    world_index(&w);
+    for (int i = 0; i < QUERIES; ++i) {
+        const float t = random_range(&r, -0.3f, 0.3f);
+        const kl_vec3 p = on_cylinder(t, random_range(&r, -0.3f, 0.3f));
+        const kl_vec3 n = on_cylinder(t, 0.0f);
+        const kl_answer a = kl_cache_query(&w.view, &query, p, n, n);
+        double weights = 0.0;
+        double said = 0.0;
+        for (uint32_t k = 0; k < w.count; ++k) {
+            const kl_bearing b = kl_record_bearing(&w.hot[k], &query, p, n);
+            const kl_vec3 gain = kl_v3_scale(kl_record_half_gain(&w.cold[k], b), 2.0f);
+            weights += (double)b.weight;
+            said += (double)b.weight * (double)kl_record_with_gain(&w.cold[k], gain).x;
+        }
+        ours += pow((double)a.irr.x - (double)turned_value(t), 2.0);
+        alone += pow(said / weights - (double)turned_value(t), 2.0);
+        assert_true(fabsf(a.irr.y - 2.0f * a.irr.x) < 1e-3f);
+        assert_true(fabsf(a.irr.z - 0.5f * a.irr.x) < 1e-3f);
+    }
+    ours = sqrt(ours / QUERIES);
+    alone = sqrt(alone / QUERIES);
+    if (!(4.0 * ours < alone)) fail_msg("%g by own gradients, %g by both", alone, ours);
+    kl_octree_fini(&w.octree);
+}
+
 /* With nothing else around, a record's own gradient is followed all the way. */
 static void one_record_is_followed_all_the_way(void **state)
 {
@@ -207,6 +273,7 @@ int main(void)
         cmocka_unit_test(slopes_are_exact),
         cmocka_unit_test(curvature_is_exact_amid_records),
         cmocka_unit_test(curvature_is_followed_between_records),
+        cmocka_unit_test(turns_are_followed_between_records),
         cmocka_unit_test(one_record_is_followed_all_the_way),
         cmocka_unit_test(light_stays_positive),
     };
