@@ -291,7 +291,7 @@ typedef struct kl_lanes {
     float weight[KL_LANES], x[KL_LANES], y[KL_LANES], u[KL_LANES], v[KL_LANES], inverse[KL_LANES];
     float dx[KL_LANES], dy[KL_LANES]; /* way to the point, in the point's frame */
     float nx[KL_LANES], ny[KL_LANES]; /* way from the record's normal to `bent`, likewise */
-    float tx[KL_LANES], ty[KL_LANES]; /* the record's tangents */
+    float tx[KL_LANES], ty[KL_LANES]; /* the record's tangents, likewise */
     float bx[KL_LANES], by[KL_LANES];
     kl_u32 sector[KL_LANES];
 } kl_lanes;

@@ -87,6 +87,20 @@ static kl_answer ask(const struct world *w, float x, float y)
     return kl_cache_query(&w->view, &query, kl_v3(x, y, 0.0f), n, n);
 }
 
+/* What the answer would be if every record were followed by its own gradients alone. */
+static double said_alone(const struct world *w, const kl_query *query, kl_vec3 p, kl_vec3 n)
+{
+    double weights = 0.0;
+    double said = 0.0;
+    for (uint32_t k = 0; k < w->count; ++k) {
+        const kl_bearing b = kl_record_bearing(&w->hot[k], query, p, n);
+        const kl_vec3 gain = kl_v3_scale(kl_record_half_gain(&w->cold[k], b), 2.0f);
+        weights += (double)b.weight;
+        said += (double)b.weight * (double)kl_record_with_gain(&w->cold[k], gain).x;
+    }
+    return said / weights;
+}
+
 /* RMS of the error of answers, and of what they would be if every record were followed by its own
  * gradient alone. */
 static void measure(const struct world *w, const struct field *f, double *ours, double *alone)
@@ -98,17 +112,10 @@ static void measure(const struct world *w, const struct field *f, double *ours, 
     for (int i = 0; i < QUERIES; ++i) {
         const float x = random_range(&r, -0.3f, 0.3f);
         const float y = random_range(&r, -0.3f, 0.3f);
-        double weights = 0.0;
-        double said = 0.0;
-        for (uint32_t k = 0; k < w->count; ++k) {
-            const kl_bearing b = kl_record_bearing(&w->hot[k], &query, kl_v3(x, y, 0.0f), n);
-            const kl_vec3 gain = kl_v3_scale(kl_record_half_gain(&w->cold[k], b), 2.0f);
-            weights += (double)b.weight;
-            said += (double)b.weight * (double)kl_record_with_gain(&w->cold[k], gain).x;
-        }
+        const double said = said_alone(w, &query, kl_v3(x, y, 0.0f), n);
         const double truth = (double)field_value(f, x, y);
         sum[0] += pow((double)ask(w, x, y).irr.x - truth, 2.0);
-        sum[1] += pow(said / weights - truth, 2.0);
+        sum[1] += pow(said - truth, 2.0);
     }
     *ours = sqrt(sum[0] / QUERIES);
     *alone = sqrt(sum[1] / QUERIES);
@@ -211,16 +218,9 @@ static void turns_are_followed_between_records(void **state)
         const kl_vec3 p = on_cylinder(t, random_range(&r, -0.3f, 0.3f));
         const kl_vec3 n = on_cylinder(t, 0.0f);
         const kl_answer a = kl_cache_query(&w.view, &query, p, n, n);
-        double weights = 0.0;
-        double said = 0.0;
-        for (uint32_t k = 0; k < w.count; ++k) {
-            const kl_bearing b = kl_record_bearing(&w.hot[k], &query, p, n);
-            const kl_vec3 gain = kl_v3_scale(kl_record_half_gain(&w.cold[k], b), 2.0f);
-            weights += (double)b.weight;
-            said += (double)b.weight * (double)kl_record_with_gain(&w.cold[k], gain).x;
-        }
+        const double said = said_alone(&w, &query, p, n);
         ours += pow((double)a.irr.x - (double)turned_value(t), 2.0);
-        alone += pow(said / weights - (double)turned_value(t), 2.0);
+        alone += pow(said - (double)turned_value(t), 2.0);
         assert_true(fabsf(a.irr.y - 2.0f * a.irr.x) < 1e-3f);
         assert_true(fabsf(a.irr.z - 0.5f * a.irr.x) < 1e-3f);
     }
