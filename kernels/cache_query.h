@@ -210,10 +210,10 @@ KL_FN float kl_gradient_scale(float raw_radius, float inverse)
     return kl_fmin(1.0f / raw_radius, KL_GRADIENT_REACH * inverse);
 }
 
-/* What a record says that irradiance gains on half of the way to a bearing and half of the turn, over
- * what it has itself, in one channel: first order. The other half goes by gradients at the other end.
- * `scale`: kl_gradient_scale. The bearing comes by value: with its address taken GCC 12 does not turn
- * the loop over lanes into vectors. */
+/* What a record says that irradiance gains on half of the way to a bearing and half of the turn,
+ * over what it has itself, in one channel: first order. The other half goes by gradients at the
+ * other end. `scale`: kl_gradient_scale. The bearing comes by value: with its address taken GCC 12
+ * does not turn the loop over lanes into vectors. */
 KL_FN float kl_half_gain(kl_u32 along, kl_u32 turn, float scale, kl_bearing b)
 {
     return 0.5f * (scale * kl_pair_dot(along, b.x, b.y) + kl_pair_dot(turn, b.u, b.v));
@@ -358,8 +358,8 @@ typedef struct kl_terms {
 } kl_terms;
 
 /* One channel of lane k, with irradiance `irr` and gradients `along` and `turn`. */
-KL_FN void kl_lane_say(const kl_lanes *l, kl_u32 k, float share, float scale, kl_bearing b, float irr,
-                       kl_u32 along, kl_u32 turn, kl_channel_terms *out)
+KL_FN void kl_lane_say(const kl_lanes *l, kl_u32 k, float share, float scale, kl_bearing b,
+                       float irr, kl_u32 along, kl_u32 turn, kl_channel_terms *out)
 {
     const float much = share * irr;
     out->irr[k] = share * kl_with_gain(irr, kl_half_gain(along, turn, scale, b));
@@ -456,10 +456,9 @@ KL_FN void kl_answer_add(const kl_lanes *l, const kl_terms *terms, kl_u32 count,
  * the spread of ways about it (decision 0031). `each`: 1 over the sum of shares. */
 KL_FN float kl_answer_bend(float irr, const kl_slope *gradient, const kl_slope *way, float each)
 {
-    const float gain = (each * gradient->x) * (each * way->x) +
-                       (each * gradient->y) * (each * way->y) +
-                       (each * gradient->u) * (each * way->u) +
-                       (each * gradient->v) * (each * way->v);
+    const float gain =
+        (each * gradient->x) * (each * way->x) + (each * gradient->y) * (each * way->y) +
+        (each * gradient->u) * (each * way->u) + (each * gradient->v) * (each * way->v);
     return kl_clamp(irr + 0.5f * gain, KL_MIN_EXTRAPOLATION * irr, KL_MAX_EXTRAPOLATION * irr);
 }
 
