@@ -218,25 +218,48 @@ static void print_curve(const struct curve *c)
     (void)printf("]");
 }
 
-/* Split-sphere over Hessian, the one as answers go, the other by either rule. */
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a;
+    const double y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static double median(double *values, int n)
+{
+    qsort(values, (size_t)n, sizeof *values, ascending);
+    return n > 0 ? 0.5 * (values[(n - 1) / 2] + values[n / 2]) : 0.0;
+}
+
+/* Split-sphere over Hessian, the one as answers go, the other by either rule, at each number of
+ * records of Hessians that lies on the other curve, and the medians. */
 static void print_ratios(const struct curve *hessian, const struct curve *other)
 {
-    const char *separator = "";
+    double absolute[RULES][MOST];
+    double relative[RULES][MOST];
+    int n = 0;
     (void)printf(",\n \"equal_records\": [");
     for (int i = 0; i < hessian->count; ++i) {
         const struct point *p = &hessian->points[i];
         if (!(at_records(other, p->records, ANSWER).absolute > 0.0)) continue;
-        (void)printf("%s{\"records\": %u", separator, p->records);
+        (void)printf("%s{\"records\": %u", n > 0 ? ", " : "", p->records);
         for (int k = 0; k < RULES; ++k) {
             const struct rmse split = at_records(other, p->records, k);
+            absolute[k][n] = split.absolute / p->rmse[ANSWER].absolute;
+            relative[k][n] = split.relative / p->rmse[ANSWER].relative;
             (void)printf(", \"%s\": {\"rmse_ratio\": %.3f, \"relative_rmse_ratio\": %.3f}",
-                         rule_names[k], split.absolute / p->rmse[ANSWER].absolute,
-                         split.relative / p->rmse[ANSWER].relative);
+                         rule_names[k], absolute[k][n], relative[k][n]);
         }
         (void)printf("}");
-        separator = ", ";
+        ++n;
     }
-    (void)printf("]}\n");
+    (void)printf("],\n \"medians\": {");
+    for (int k = 0; k < RULES; ++k) {
+        (void)printf("%s\"%s\": {\"rmse_ratio\": %.3f, \"relative_rmse_ratio\": %.3f}",
+                     k > 0 ? ", " : "", rule_names[k], median(absolute[k], n),
+                     median(relative[k], n));
+    }
+    (void)printf("}}\n");
 }
 
 static void print(const struct bench *b, const struct curve *curves)
@@ -252,8 +275,10 @@ static void print(const struct bench *b, const struct curve *curves)
 int main(int argc, char **argv)
 {
     struct curve curves[] = {
-        {.name = "hessian", .rule = KL_RADIUS_HESSIAN, .errors = {0.1, 0.05, 0.025}},
-        {.name = "split_sphere", .rule = KL_RADIUS_SPLIT_SPHERE, .errors = {0.2, 0.14, 0.1}},
+        {.name = "hessian", .rule = KL_RADIUS_HESSIAN, .errors = {0.1, 0.07, 0.05, 0.035, 0.025}},
+        {.name = "split_sphere",
+         .rule = KL_RADIUS_SPLIT_SPHERE,
+         .errors = {0.28, 0.2, 0.14, 0.1, 0.07}},
     };
     struct bench b = {0};
     struct kl_err err = {0};
