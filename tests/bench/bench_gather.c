@@ -4,18 +4,12 @@
 #include "src/base/clock.h"
 #include "src/base/memory.h"
 #include "src/device/gather_device.h"
+#include "tests/bench/bench_sort.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 
 enum { RUNS = 5 };
-
-static int compare_doubles(const void *a, const void *b)
-{
-    const double x = *(const double *)a;
-    const double y = *(const double *)b;
-    return (x > y) - (x < y);
-}
 
 int main(int argc, char **argv)
 {
@@ -45,8 +39,8 @@ int main(int argc, char **argv)
         if (kl_gather_device_run(device, &job, &err) != KL_OK) return 1;
         other[i] = kl_seconds() - start;
     }
-    qsort(host, RUNS, sizeof *host, compare_doubles);
-    qsort(other, RUNS, sizeof *other, compare_doubles);
+    bench_sort(host, RUNS);
+    bench_sort(other, RUNS);
     const double rays = (double)b.count * side * side;
     (void)printf("{\"device\": \"%s\", \"rays\": %.0f, \"embree_rays_per_s\": %.4g, "
                  "\"device_rays_per_s\": %.4g, \"device_over_embree\": %.3f}\n",

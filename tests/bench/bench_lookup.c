@@ -13,6 +13,7 @@
 #include "src/import/import.h"
 #include "src/scene/flat.h"
 #include "src/trace/tracer.h"
+#include "tests/bench/bench_sort.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -318,13 +319,6 @@ static double count_serving(const struct bench *b, double *candidates)
     return (double)serving / (QUERIES / 16);
 }
 
-static int compare_doubles(const void *a, const void *b)
-{
-    const double *x = a;
-    const double *y = b;
-    return (*x > *y) - (*x < *y);
-}
-
 /* The same look-ups among radii with and without the clamp by validity, five times in turns. */
 static void time_both(struct bench *b, const kl_level_view *without, const kl_level_view *with)
 {
@@ -347,7 +341,7 @@ static void time_both(struct bench *b, const kl_level_view *without, const kl_le
         if (y[0] > 0.0) square += (y[1] / y[0] - 1.0) * (y[1] / y[0] - 1.0);
     }
     for (int k = 0; k < 2; ++k) {
-        qsort(seconds[k], RUNS, sizeof *seconds[k], compare_doubles);
+        bench_sort(seconds[k], RUNS);
     }
     (void)printf("{\"validity\": {\"reach\": %g, \"times_as_fast\": %.3f, \"serving\": [%.2f, "
                  "%.2f], \"served\": [%.5f, %.5f], \"relative_rms_difference\": %.5f}}\n",
@@ -418,9 +412,9 @@ static kl_status run(struct bench *b, struct kl_err *err)
     for (int i = 0; i < RUNS; ++i) {
         coherent[i] = time_lookups(b, &served, &weight);
     }
-    qsort(coherent, RUNS, sizeof *coherent, compare_doubles);
-    qsort(lookups, RUNS, sizeof *lookups, compare_doubles);
-    qsort(rays, RUNS, sizeof *rays, compare_doubles);
+    bench_sort(coherent, RUNS);
+    bench_sort(lookups, RUNS);
+    bench_sort(rays, RUNS);
     const kl_octree_header *head = &b->view.head;
     double candidates;
     const double serving = count_serving(b, &candidates);

@@ -10,6 +10,7 @@
 #include "src/render/fill_points.h"
 #include "src/render/reference.h"
 #include "src/render/renderer_impl.h"
+#include "tests/bench/bench_sort.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -218,16 +219,9 @@ static void print_curve(const struct curve *c)
     (void)printf("]");
 }
 
-static int ascending(const void *a, const void *b)
-{
-    const double x = *(const double *)a;
-    const double y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static double median(double *values, int n)
 {
-    qsort(values, (size_t)n, sizeof *values, ascending);
+    bench_sort(values, (size_t)n);
     return n > 0 ? 0.5 * (values[(n - 1) / 2] + values[n / 2]) : 0.0;
 }
 

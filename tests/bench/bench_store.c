@@ -4,6 +4,7 @@
 #include "cache_io/format_impl.h"
 #include "kernels/cache_query.h"
 #include "src/base/clock.h"
+#include "tests/bench/bench_sort.h"
 #include "tests/crash/batch.h"
 
 #include <omp.h>
@@ -20,13 +21,6 @@ static void must(kl_status st, const struct kl_err *err)
     if (st == KL_OK) return;
     (void)fprintf(stderr, "%s\n", err->msg);
     exit(1);
-}
-
-static int compare_numbers(const void *a, const void *b)
-{
-    const double *x = a;
-    const double *y = b;
-    return (*x > *y) - (*x < *y);
 }
 
 static double cpu_seconds(void)
@@ -63,8 +57,8 @@ static double time_open(const char *dir, double *bytes, float *answer, double *c
         *bytes = (double)kl_store_bytes(store);
         kl_store_close(store);
     }
-    qsort(seconds, ROUNDS, sizeof *seconds, compare_numbers);
-    qsort(busy, ROUNDS, sizeof *busy, compare_numbers);
+    bench_sort(seconds, ROUNDS);
+    bench_sort(busy, ROUNDS);
     *cpu = busy[ROUNDS / 2];
     return seconds[ROUNDS / 2];
 }

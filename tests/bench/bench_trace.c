@@ -7,6 +7,7 @@
 #include "src/trace/device_bvh.h"
 #include "src/trace/tracer.h"
 #include "test_trace_scenes.h"
+#include "tests/bench/bench_sort.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -43,16 +44,9 @@ struct timing {
     double wall[RUNS], work[RUNS]; /* [s] */
 };
 
-static int compare_doubles(const void *a, const void *b)
-{
-    const double x = *(const double *)a;
-    const double y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static double median(double *values)
 {
-    qsort(values, RUNS, sizeof *values, compare_doubles);
+    bench_sort(values, RUNS);
     return values[RUNS / 2];
 }
 
