@@ -38,6 +38,7 @@ typedef struct kl_answer {
     float shares; /* sum of weights over squared radii, what the means are taken by */
     float error;  /* relative standard error of the records, root of the weighted mean square */
     float radius; /* [m] of the nearest-weighted records, weighted mean */
+    float way;    /* [m] along the surface, from the records' weighted mean place to the point */
 } kl_answer;
 
 /* Face of the direction cube that a normal points to: 2 * axis, + 1 if negative. */
@@ -474,6 +475,7 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
     a.shares = 0.0f;
     a.error = 0.0f;
     a.radius = 0.0f;
+    a.way = 0.0f;
     if (c->head.record_count == 0u) return a;
     const kl_frame frame = kl_frame_from_normal(n);
     const kl_slope flat = {0.0f, 0.0f, 0.0f, 0.0f};
@@ -506,6 +508,7 @@ KL_FN kl_answer kl_cache_query(const kl_level_view *c, const kl_query *q, kl_vec
         a.irr.z = kl_answer_bend(a.irr.z, &slopes.blue, &slopes.way, each);
         a.error = kl_sqrt(a.error * each);
         a.radius *= each;
+        a.way = each * kl_sqrt(slopes.way.x * slopes.way.x + slopes.way.y * slopes.way.y);
     }
     return a;
 }

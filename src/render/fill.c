@@ -15,20 +15,25 @@ static const float right_here = 0.9f;  /* weight of a record that close */
 static const float alike = 0.98f;      /* cosine: candidates exclude each other */
 static const float exclusion = 0.5f;   /* of the predicted radius */
 static const float unknown_px = 12.0f; /* predicted radius where nothing is known yet */
+static const float way_px = 8.0f;      /* shorter ways are never too long: rims would have no end */
 enum { MAX_PASSES = 64, MAX_ROUNDS = 8, FIRST_BATCH = 512, FIRST_RAYS = 1 << 20 };
 enum { MANY_CAMERAS = 8, STAGE_POINTS = 1 << 20 };
 /* Rays of a batch at most: seconds, so that stopping and progress do not wait for minutes. */
 enum { BATCH_RAYS = 1 << 22 };
 
-/* Do the records serve a point well enough? Enough of them, without enlarged radii, and either one
- * that is right here, or none so large that it need not know what is close to the point. */
+/* Do the records serve a point well enough? Enough of them, none of them so large that it need not
+ * know what is close to the point, unless it is right here, and not all from one side: what an
+ * answer lacks to second order grows with the square of the mean way (decision 0034). */
 static bool is_covered(const struct kl_fill_job *job, uint32_t level, const kl_level_view *view,
                        const struct kl_point *p)
 {
-    const kl_answer a = kl_cache_query(view, &job->query, p->pos, p->smooth, p->smooth);
-    const float most =
+    const struct kl_served *served = &job->served[level];
+    const kl_answer a = kl_cache_query(view, &served->query, p->pos, p->smooth, p->smooth);
+    const float largest =
         kl_cache_get_settings(job->cache)->accuracy[level] * KL_RAW_OVER_HARMONIC * p->near;
-    return a.weight >= job->least_weight && (a.best >= right_here || a.radius <= most);
+    const float farthest = fmaxf(served->most_way * a.radius, way_px * p->pixel);
+    return a.weight >= served->least_weight && a.way <= farthest &&
+           (a.best >= right_here || a.radius <= largest);
 }
 
 /* Copy the points that are not served well enough to `out`, which may be `points`; their number. */

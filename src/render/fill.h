@@ -15,6 +15,13 @@ typedef kl_status (*kl_gather_fn)(void *context, const struct kl_gather_job *job
 typedef kl_status (*kl_batch_fn)(void *context, uint32_t level, const kl_record_hot *hot,
                                  const kl_record_cold *cold, uint32_t count, struct kl_err *err);
 
+/* What counts as served. */
+struct kl_served {
+    kl_query query;
+    float least_weight; /* the weights sum to at least this */
+    float most_way;     /* mean way from the records to the point, in their mean radius, at most */
+};
+
 struct kl_fill_job {
     const kl_scene_view *scene, *motion; /* at the reference instant; while the shutter is open,
                                           * where rays have times: the same if nothing moves */
@@ -24,12 +31,11 @@ struct kl_fill_job {
     const struct kl_camera *cameras;  /* one per frame */
     uint32_t camera_count;
     struct kl_gather_ladder ladder[KL_CACHE_LEVELS];
-    kl_gather_settings gather; /* side and sets are set per level */
-    kl_query query;            /* for coverage: radii as they are */
-    float least_weight;        /* records are placed where the weights sum to less */
-    float spacing_px;          /* least radius in pixels */
-    float uncovered;           /* share of pixels that may stay without */
-    uint32_t batch;            /* records at most */
+    kl_gather_settings gather;                /* side and sets are set per level */
+    struct kl_served served[KL_CACHE_LEVELS]; /* records are placed where a point is not */
+    float spacing_px;                         /* least radius in pixels */
+    float uncovered;                          /* share of pixels that may stay without */
+    uint32_t batch;                           /* records at most */
     kl_gather_fn gather_batch;
     void *gather_context;
     kl_batch_fn keep_batch; /* may be NULL */

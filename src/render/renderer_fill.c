@@ -5,6 +5,7 @@
 #include <math.h>
 
 static const float least_weight = 0.3f;
+static const float one_sided = 0.7f; /* radii that a point may be from the records' mean place */
 static const float spacing_px = 1.5f;
 static const float proved_spacing_px = 0.75f; /* where the error is to be proved: every pixel */
 static const float uncovered = 5e-4f;
@@ -158,8 +159,8 @@ static kl_status fill_cache(struct kl_renderer *r, const struct kl_renderer_fill
         .gather = {.query = kl_renderer_gather_query(),
                    .length_scale = KL_LENGTH_SCALE,
                    .touch = kl_renderer_touch_share(r)},
-        .query = {1.0f, KL_COS_MAX, KL_INF},
-        .least_weight = least_weight,
+        .served = {{kl_renderer_eye_query(), least_weight, one_sided},
+                   {{1.0f, KL_COS_MAX, KL_INF}, least_weight, KL_INF}},
         .spacing_px = fill->measure ? proved_spacing_px : spacing_px,
         .uncovered = uncovered,
         .batch = BATCH,

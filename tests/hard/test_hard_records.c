@@ -1,8 +1,11 @@
-/* Hard cases 18 and 21 and origins of skins: many records in one place, least spacing, scenes whose
- * nodes are not where their vertices are. */
+/* Hard cases 18 and 21, origins of skins and records on one side: many records in one place, least
+ * spacing, scenes whose nodes are not where their vertices are, points that are not between records
+ * that serve them. */
 #include "hard_scene.h"
 
 #include "src/cache/octree.h"
+#include "src/render/fill_points.h"
+#include "src/render/renderer_impl.h"
 #include "src/scene/flat.h"
 
 #include <setjmp.h>
@@ -121,12 +124,47 @@ static void origin_follows_the_skin(void **state)
     kl_scene_destroy(s);
 }
 
+/* Points that large records serve from one side alone may have what none of these knows of. */
+static void points_lie_between_records(void **state)
+{
+    enum { SIDE = 256 };
+    struct hard_stage stage;
+    struct kl_point *points = NULL;
+    struct kl_err err = {0};
+    size_t count = 0;
+    uint32_t aside = 0;
+    (void)state;
+    hard_open(&stage, hard_room(), KL_INDIRECT_CACHE, 0.0, 0);
+    kl_image_destroy(hard_render(&stage, 0, SIDE, SIDE, 1));
+    struct kl_renderer *r = stage.renderer;
+    struct kl_camera camera;
+    if (kl_renderer_camera(r, 0, 0.0, SIDE, SIDE, &camera, &err) != KL_OK) fail_msg("%s", err.msg);
+    const struct kl_fill_job screen = {
+        .scene = kl_renderer_reference(r), .cameras = &camera, .camera_count = 1};
+    if (kl_fill_screen_points(&screen, 0, 1, &points, &count, &err) != KL_OK) {
+        fail_msg("%s", err.msg);
+    }
+    const kl_level_view level = kl_cache_view(r->cache, 0);
+    const kl_query eye = kl_renderer_eye_query();
+    for (size_t i = 0; i < count; ++i) {
+        const struct kl_point *p = &points[i];
+        const kl_answer a = kl_cache_query(&level, &eye, p->pos, p->smooth, p->smooth);
+        aside += a.way > fmaxf(0.7f * a.radius, 8.0f * p->pixel) ? 1u : 0u;
+    }
+    print_message("%u of %zu points\n", aside, count);
+    assert_true(count > (size_t)SIDE * SIDE / 2);
+    assert_true((double)aside <= 1e-3 * (double)count);
+    free(points);
+    hard_close(&stage);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rows_are_capped),
         cmocka_unit_test(tiny_radii_do_not_deepen_the_index),
         cmocka_unit_test(origin_follows_the_skin),
+        cmocka_unit_test(points_lie_between_records),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

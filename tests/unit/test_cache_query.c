@@ -149,6 +149,7 @@ static void curvature_is_exact_amid_records(void **state)
         assert_true(fabsf(a.irr.x - truth) < 1e-4f);
         assert_true(fabsf(a.irr.y - 2.0f * truth) < 2e-4f);
         assert_true(fabsf(a.irr.z - 0.5f * truth) < 1e-4f);
+        assert_true(a.way < 1e-5f);
     }
     kl_octree_fini(&w.octree);
 }
@@ -242,6 +243,7 @@ static void one_record_is_followed_all_the_way(void **state)
     const kl_answer a = ask(&w, 0.08f, -0.05f);
     assert_true(a.weight > 0.0f);
     assert_true(fabsf(a.irr.x - field_value(&f, 0.08f, -0.05f)) < 1e-4f);
+    assert_true(fabsf(a.way - hypotf(0.08f, 0.05f)) < 1e-6f);
     kl_octree_fini(&w.octree);
 }
 
