@@ -9,3 +9,8 @@ done
 [[ $(value r.json error_estimate) == 0.* ]] || fail "no error estimate"
 [[ $(head -c 4 a.png | tail -c 3) == PNG ]] || fail "no preview"
 kl sheet s.png a.exr a.exr a.exr --columns 2 --reduce 2 --exposure 1
+
+# No pixel of 16 384 is left without records, or with records on one side alone (decision 0035).
+kl render "$SCENES/cornell.glb" --frames 1 --size 128x128 --spp 1 --error 0.1 --rays 256 --device embree \
+    --cache-mode off --aov none --out b.exr --report b.json >/dev/null
+[[ $(value b.json uncovered) =~ ^0(\.0*)?$ ]] || fail "$(value b.json uncovered) of the pixels are left"
