@@ -150,7 +150,8 @@ static kl_status open_store(struct bench *b, struct kl_err *err)
     if (st != KL_OK) return st;
     kl_store_segment_get(b->store, 0, NULL, levels);
     const struct kl_level_arrays *l = &levels[b->level];
-    if (l->octree.record_count == 0) return kl_fail(err, KL_ERR_INPUT, "no index yet: render from the cache once");
+    if (l->octree.record_count == 0)
+        return kl_fail(err, KL_ERR_INPUT, "no records in this level, or no index yet: render once");
     b->view = (kl_level_view){l->octree, l->hot, l->cold, l->nodes, l->rows, NULL};
     b->records = l->record_count;
     b->reach = l->octree.reach;
